@@ -1,0 +1,138 @@
+"""A triangle mesh in millimetres, with the author's texture coordinates per corner."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+
+from texsss.errors import DomainError, ShapeError
+from texsss.types import Float, Int, Tensor, unit
+
+CREASE_COS = 0.5  # faces that meet at more than 60° keep a hard edge
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with shared vertices [mm].
+
+    `vertices` (V, 3): positions, merged wherever they coincide, so that normals and neighbours
+    cross UV seams. `faces` (F, 3): indices into them, counter-clockwise seen from outside.
+    `source_uv` (F, 3, 2): the author's texture coordinates per face corner, v down; they may tile,
+    overlap or mirror, and are None when the file has none.
+    Raises ShapeError or DomainError: when shapes, indices or values cannot be a surface.
+    """
+
+    vertices: Float[Tensor, "V 3"]
+    faces: Int[Tensor, "F 3"]
+    source_uv: Float[Tensor, "F 3 2"] | None = None
+    name: str = "mesh"
+
+    def __post_init__(self):
+        if self.faces.shape[0] == 0:
+            raise ShapeError(f"Mesh: expected at least one triangle, got none in {self.name}; check the file.")
+        if self.source_uv is not None and self.source_uv.shape[0] != self.faces.shape[0]:
+            raise ShapeError(
+                f"Mesh: expected texture coordinates for {self.faces.shape[0]} faces, got "
+                f"{self.source_uv.shape[0]} in {self.name}; pass one uv per face corner."
+            )
+        low, high = int(self.faces.min()), int(self.faces.max())
+        if low < 0 or high >= self.vertices.shape[0]:
+            raise DomainError(
+                f"Mesh: expected vertex indices in 0..{self.vertices.shape[0] - 1}, got {low}..{high} "
+                f"in {self.name}; the file is damaged, export it again."
+            )
+        if not bool(torch.isfinite(self.vertices).all()):
+            raise DomainError(f"Mesh: expected finite vertices, got NaN or infinity in {self.name}; repair it.")
+        if not self.height_mm > 0 and not bool((self.extent > 0).any()):
+            raise DomainError(f"Mesh: expected an extent above zero, got a single point in {self.name}.")
+
+    @cached_property
+    def extent(self) -> Float[Tensor, "3"]:
+        """Size of the axis-aligned box [mm]."""
+        return (self.vertices.amax(0) - self.vertices.amin(0)).detach()
+
+    @property
+    def height_mm(self) -> float:
+        """Size along y [mm]."""
+        return float(self.extent[1])
+
+    @property
+    def diagonal_mm(self) -> float:
+        """Length of the box's diagonal [mm]."""
+        return float(torch.linalg.vector_norm(self.extent))
+
+    @cached_property
+    def corners(self) -> Float[Tensor, "F 3 3"]:
+        """Positions of the corners of every face [mm]."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def _face_cross(self) -> Float[Tensor, "F 3"]:
+        a, b, c = self.corners.unbind(1)
+        return torch.linalg.cross(b - a, c - a)
+
+    @cached_property
+    def face_area(self) -> Float[Tensor, " F"]:
+        """Area of every face [mm²]."""
+        return torch.linalg.vector_norm(self._face_cross, dim=-1) / 2
+
+    @cached_property
+    def face_normals(self) -> Float[Tensor, "F 3"]:
+        """Unit normal of every face; 0 for faces without area."""
+        return unit(self._face_cross)
+
+    @cached_property
+    def corner_normals(self) -> Float[Tensor, "F 3 3"]:
+        """Unit shading normal at every face corner.
+
+        The angle-weighted mean of the faces around the vertex that lie within 60° of the corner's
+        own face: smooth surfaces are smooth, a cube keeps its edges. Derived from positions alone,
+        so that deformation needs nothing else. Differentiable in the vertices.
+        Source: Thürmer & Wüthrich 1998 (angle weights).
+        """
+        normals, angles = self.face_normals, self._corner_angles
+        flat = self.faces.reshape(-1)  # vertex of each corner, (3F,)
+        order = torch.argsort(flat, stable=True)
+        valence = torch.bincount(flat, minlength=self.vertices.shape[0])
+        first = torch.cumsum(valence, 0) - valence
+        # every ordered pair of corners that share a vertex
+        per_corner = valence[flat]
+        own = torch.repeat_interleave(torch.arange(flat.numel(), device=flat.device), per_corner)
+        start = torch.cumsum(per_corner, 0) - per_corner
+        offset = torch.arange(own.numel(), device=flat.device) - start[own]
+        other = order[first[flat[own]] + offset]
+        own_face, other_face = own // 3, other // 3
+        close = (normals[own_face] * normals[other_face]).sum(-1) >= CREASE_COS
+        weight = angles.reshape(-1)[other] * close
+        total = torch.zeros(flat.numel(), 3, dtype=normals.dtype, device=normals.device)
+        total = total.index_add(0, own, normals[other_face] * weight[:, None])
+        smooth = unit(total).reshape(-1, 3, 3)
+        lost = torch.linalg.vector_norm(smooth, dim=-1, keepdim=True) < 0.5
+        return torch.where(lost, _any_normal(normals)[:, None], smooth)
+
+    @cached_property
+    def _corner_angles(self) -> Float[Tensor, "F 3"]:
+        here = self.corners
+        ahead, behind = here.roll(-1, 1) - here, here.roll(1, 1) - here
+        sine = torch.linalg.vector_norm(torch.linalg.cross(ahead, behind), dim=-1)
+        return torch.atan2(sine, (ahead * behind).sum(-1))
+
+    def moved(self, vertices: Float[Tensor, "V 3"]) -> "Mesh":
+        """The same triangles at new positions [mm]."""
+        return replace(self, vertices=vertices)
+
+    def to(self, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> "Mesh":
+        """The mesh with its real numbers in `dtype` on `device`."""
+        uv = self.source_uv
+        return replace(
+            self,
+            vertices=self.vertices.to(device=device, dtype=dtype),
+            faces=self.faces.to(device=device),
+            source_uv=None if uv is None else uv.to(device=device, dtype=dtype),
+        )
+
+
+def _any_normal(normals: Float[Tensor, "F 3"]) -> Float[Tensor, "F 3"]:
+    """`normals`, with +z in place of those of faces without area."""
+    flat = torch.linalg.vector_norm(normals, dim=-1, keepdim=True) < 0.5
+    return torch.where(flat, normals.new_tensor([0.0, 0.0, 1.0]), normals)
