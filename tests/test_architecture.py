@@ -1,0 +1,85 @@
+"""The layout holds: who may import whom, how long a file may be, what the public face is."""
+
+import ast
+from pathlib import Path
+
+import pytest
+import torch
+
+import texsss
+from texsss.numerics.sampling import bilinear
+
+ROOT = Path(__file__).resolve().parents[1] / "texsss"
+
+BASE = {"errors", "types", "numerics"}
+ROOMS = BASE | {"surface", "media", "light", "profiles", "transport", "view", "io"}
+MAY_IMPORT = {
+    "errors": set(),
+    "types": {"errors"},
+    "numerics": BASE,
+    "surface": BASE | {"surface"},
+    "media": BASE | {"media"},
+    "io": BASE | {"surface", "io"},
+    "light": BASE | {"surface", "media", "light"},
+    "profiles": BASE | {"media", "profiles"},
+    "transport": BASE | {"surface", "media", "light", "profiles", "transport"},
+    "view": BASE | {"surface", "media", "light", "view"},
+    "cache": {"errors", "types"},
+    "scene": {"errors", "types"},
+    "resolve": ROOMS | {"scene"},
+    "result": ROOMS | {"scene"},
+    "bake": ROOMS | {"scene", "resolve", "cache", "result"},
+    "cli": {"bake", "scene", "types", "errors", "cache"},
+    "__init__": ROOMS | {"scene", "bake", "result"},
+}
+
+
+def modules():
+    return sorted(ROOT.rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Rooms of texsss that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import; write the whole name"
+            names = [node.module, *(f"{node.module}.{a.name}" for a in node.names if node.module == "texsss")]
+        elif isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        found |= {name.split(".")[1] for name in names if name and name.startswith("texsss.")}
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_dependencies_run_one_way(path):
+    relative = path.relative_to(ROOT)
+    room = relative.parts[0].removesuffix(".py")
+    assert room in MAY_IMPORT, f"{room} is not in the table: give it a place"
+    assert imports(path) <= MAY_IMPORT[room], f"{relative} may import {sorted(MAY_IMPORT[room])}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_files_hold_one_concept(path):
+    lines = len(path.read_text().splitlines())
+    assert lines <= 350, f"{lines} lines: split the room"
+
+
+def test_rooms_are_empty_at_the_door():
+    for init in ROOT.glob("*/__init__.py"):
+        tree = ast.parse(init.read_text())
+        assert all(isinstance(n, ast.ImportFrom | ast.Expr | ast.Assign) for n in tree.body), init
+
+
+def test_public_names_exist():
+    for name in texsss.__all__:
+        assert getattr(texsss, name) is not None
+
+
+def test_shape_hook_is_live():
+    """A wrong shape must fail: else every annotation in the project is decoration."""
+    import jaxtyping
+
+    with pytest.raises(jaxtyping.TypeCheckError):
+        bilinear(torch.zeros(4, 4, 3), torch.zeros(5, 3))

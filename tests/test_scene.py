@@ -1,0 +1,110 @@
+"""One schema: defaults everywhere, strict values, errors that name the field, migration."""
+
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from texsss import scene as module
+from texsss.errors import AssetError, DomainError, TexsssError
+from texsss.scene import Scene, Source, migrate
+
+
+def test_empty_data_is_the_default_scene():
+    assert Scene.parse({}) == Scene()
+
+
+def test_json_round_trip(tmp_path):
+    first = Scene(mesh="head.obj", material="marble")
+    first.save(tmp_path / "scene.json")
+    again = Scene.load(tmp_path / "scene.json")
+    assert again.mesh.source.path == str(tmp_path / "head.obj"), "paths are relative to the file"
+    assert again.material == first.material
+
+
+def test_own_mesh_does_not_wear_the_default_albedo():
+    assert Scene(mesh="head.obj").material.surface.albedo is None
+
+
+@pytest.mark.parametrize(
+    "data, names",
+    [
+        ({"methods": {"rule": "x"}}, ["methods.rule", "exit", "'x'"]),
+        ({"atlas": {"size": 0}}, ["atlas.size", "16"]),
+        ({"atlas": {"size": 10**6}}, ["atlas.size", "8192"]),
+        ({"atlas": {"size": True}}, ["atlas.size", "integer"]),
+        ({"mesh": {"source": "a.obj", "unit_mm": float("nan")}}, ["mesh.unit_mm", "finite"]),
+        ({"mesh": {"source": "a.obj", "unit_mm": "2"}}, ["mesh.unit_mm"]),
+        ({"lights": [{"type": "spotty"}]}, ["lights.0", "point"]),
+        ({"nonsense": 1}, ["nonsense"]),
+        ({"version": 99}, ["version", "update"]),
+        ({"mesh": {"source": {"path": "a", "builtin": "b"}}}, ["mesh.source", "exactly one"]),
+        ({"mesh": "a.obj", "material": {"surface": {"albedo": "q"}}}, ["albedo", "'q'"]),
+        ({"camera": {"fit": False}}, ["camera", "position_mm"]),
+        ({"media": {"x": {"preset": "skin1", "sigma_a_per_mm": 1.0}}}, ["media.x"]),
+    ],
+)
+def test_bad_field_is_named_in_one_sentence(data, names):
+    with pytest.raises(DomainError) as caught:
+        Scene.parse(data)
+    message = str(caught.value)
+    assert all(name in message for name in names), message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "{'a': 1}", "\x00", '"x"', "[" * 100000])
+def test_malformed_files_get_one_sentence(tmp_path, text):
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    with pytest.raises(AssetError, match=r"scene\.json"):
+        Scene.load(path)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(AssetError, match="found none"):
+        Scene.load(tmp_path / "no.json")
+
+
+def test_older_scenes_are_migrated(monkeypatch):
+    monkeypatch.setattr(module, "SCHEMA_VERSION", 2)
+    monkeypatch.setattr(module, "MIGRATIONS", {1: lambda data: {"renamed": data["old"]}})
+    assert migrate({"version": 1, "old": 3}) == {"version": 2, "renamed": 3}
+
+
+def test_source_wants_exactly_one():
+    with pytest.raises(ValueError, match="exactly one"):
+        Source()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(),
+        lambda c: (
+            st.dictionaries(
+                st.sampled_from(
+                    [
+                        "mesh",
+                        "atlas",
+                        "size",
+                        "lights",
+                        "type",
+                        "material",
+                        "layers",
+                        "camera",
+                        "version",
+                        "path",
+                    ]
+                ),
+                c,
+            )
+            | st.lists(c)
+        ),
+    )
+)
+def test_any_data_is_a_scene_or_a_sentence(data):
+    try:
+        Scene.parse(data if isinstance(data, dict) else {"mesh": data})
+    except TexsssError as error:
+        assert "\n" not in json.dumps(str(error))

@@ -1,0 +1,117 @@
+"""Results kept by the content they depend on, bounded by bytes."""
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from threading import Lock
+from typing import Any
+
+import torch
+from pydantic import BaseModel
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A result and the key of everything it was made from."""
+
+    value: Any
+    key: str
+
+
+def content_key(*parts: Any) -> str:
+    """A name for `parts` by content: equal parts, equal name.
+
+    Parts are strings, numbers, None, bytes, pydantic models, `Kept` results (by their key), tensors,
+    and tuples, lists and dictionaries of these. Raises TypeError: on anything else, since its repr
+    might hide what it depends on.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    _feed(digest, parts)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, part: Any) -> None:
+    if isinstance(part, Kept):
+        text = f"kept {part.key}"
+    elif isinstance(part, BaseModel):
+        text = f"{type(part).__name__} {part.model_dump_json()}"
+    elif isinstance(part, torch.Tensor):
+        text = f"tensor {part.dtype} {tuple(part.shape)}"
+        digest.update(part.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes())
+    elif isinstance(part, bytes):
+        text = f"bytes {hashlib.blake2b(part).hexdigest()}"
+    elif isinstance(part, dict):
+        text = f"dict {len(part)}"
+        for key in sorted(part):
+            _feed(digest, (key, part[key]))
+    elif isinstance(part, tuple | list):
+        text = f"list {len(part)}"
+        for item in part:
+            _feed(digest, item)
+    elif part is None or isinstance(part, str | int | float | torch.dtype):
+        text = f"{type(part).__name__} {part!r}"
+    else:
+        raise TypeError(f"content_key: cannot name a {type(part).__name__} by its content")
+    digest.update(f"\x1f{text}".encode())
+
+
+class StageCache:
+    """A least-recently-used store of results, at most `max_bytes` of tensors in all.
+
+    Results that hold a tensor which requires grad are never kept: they belong to one graph.
+    """
+
+    def __init__(self, max_bytes: int):
+        self.max_bytes = max_bytes
+        self._kept: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        self._lock = Lock()
+
+    @property
+    def bytes_used(self) -> int:
+        """Bytes of the tensors kept now."""
+        return sum(size for _, size in self._kept.values())
+
+    def get_or_make(self, key: str, make: Callable[[], Any]) -> tuple[Any, bool]:
+        """The result under `key`, made if it isn't there, and whether it had to be made."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key][0], False
+        value = make()
+        tensors = list(_tensors(value))
+        if not any(tensor.requires_grad for tensor in tensors):
+            self._keep(
+                key,
+                value,
+                sum({t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors}.values()),
+            )
+        return value, True
+
+    def _keep(self, key: str, value: Any, size: int) -> None:
+        if size > self.max_bytes:
+            return
+        with self._lock:
+            self._kept[key] = (value, size)
+            while self.bytes_used > self.max_bytes:
+                self._kept.popitem(last=False)
+
+    def clear(self) -> None:
+        """Forgets everything."""
+        with self._lock:
+            self._kept.clear()
+
+
+def _tensors(value: Any):
+    """Every tensor reachable through dataclasses, tuples, lists and dictionaries."""
+    if isinstance(value, torch.Tensor):
+        yield value
+    elif is_dataclass(value) and not isinstance(value, type):
+        for field in fields(value):
+            yield from _tensors(getattr(value, field.name))
+    elif isinstance(value, tuple | list):
+        for item in value:
+            yield from _tensors(item)
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _tensors(item)
