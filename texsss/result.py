@@ -1,0 +1,133 @@
+"""What a bake gives back: images over the atlas, and the files they become."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import torch
+
+from texsss.errors import AssetError
+from texsss.io.exr import write_exr
+from texsss.io.gltf import write_glb
+from texsss.io.images import write_png
+from texsss.profiles.weights import Weights
+from texsss.surface.dilate import dilate
+from texsss.surface.points import TexelMaps
+from texsss.types import Bool, Float, Tensor
+
+FILES = ("irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Baked:
+    """A baked scene. Images are (H, W, 3) over the atlas, v down, dilated to the full square.
+
+    `texels`: the points that the values lie on. `texel_irradiance`, `texel_exitance` (P, 3): entered
+    irradiance and exitance [W/m²]. `weights`: of the bank's Gaussians. `report`: what report.json
+    says. `take_picture` renders the preview (linear RGB); `encode` turns linear RGB into display
+    values in 0..1 as the scene's output asks.
+    """
+
+    texels: TexelMaps
+    texel_irradiance: Float[Tensor, "P 3"]
+    texel_exitance: Float[Tensor, "P 3"]
+    weights: Weights | None
+    report: dict
+    take_picture: Callable[[], Tensor]
+    encode: Callable[[Tensor], Tensor]
+
+    @cached_property
+    def coverage(self) -> Bool[Tensor, "H W"]:
+        """Which texels lie on the surface."""
+        covered = self.texels.points.texel[self.texels.covered].long()
+        height, width = self.texels.size
+        flat = torch.zeros(height * width, dtype=torch.bool, device=covered.device)
+        flat[covered] = True
+        return flat.reshape(height, width)
+
+    @cached_property
+    def irradiance(self) -> Float[Tensor, "H W 3"]:
+        """Irradiance that entered the surface [W/m²]."""
+        return self.image(self.texel_irradiance)
+
+    @cached_property
+    def exitance(self) -> Float[Tensor, "H W 3"]:
+        """Exitance M [W/m²]: the scattered light that leaves, albedo included."""
+        return self.image(self.texel_exitance)
+
+    @cached_property
+    def radiance(self) -> Float[Tensor, "H W 3"]:
+        """M/π [W/(m² sr)]: what a diffuse surface of this exitance shows."""
+        return self.exitance / torch.pi
+
+    @cached_property
+    def picture(self) -> Float[Tensor, "h w 3"]:
+        """The preview, linear RGB."""
+        return self.take_picture()
+
+    def image(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "H W C"]:
+        """Values at the texels as an image dilated to the full square."""
+        height, width = self.texels.size
+        filled = torch.zeros(height * width, dtype=torch.bool, device=values.device)
+        filled[self.texels.points.texel.long()] = True
+        return dilate(self.texels.to_image(values), filled.reshape(height, width))
+
+    def save(self, folder: str | Path) -> dict[str, Path]:
+        """Writes the six files of a bake into `folder`, all or none; gives their paths by name.
+
+        radiance.png and preview.png are display-encoded; the EXRs are linear half floats; model.glb
+        carries the baked texture unlit, in metres. Raises AssetError: when the folder can't be written.
+        """
+        folder = Path(folder)
+        with staging(folder) as temporary:
+            write_exr(temporary / "irradiance.exr", self.irradiance.detach())
+            write_exr(temporary / "radiance.exr", self.radiance.detach())
+            shown = self.encode(self.radiance.detach())
+            write_png(temporary / "radiance.png", shown)
+            write_png(temporary / "preview.png", self.encode(self.picture.detach()))
+            write_glb(temporary / "model.glb", self.texels.mesh, self.texels.atlas_uv, shown)
+            text = json.dumps(self.report, indent=2) + "\n"
+            (temporary / "report.json").write_text(text, encoding="utf-8")
+        return {name: folder / name for name in FILES}
+
+
+class staging:
+    """A folder to write into whose files move to `folder` together when nothing failed.
+
+    Raises AssetError: when `folder` can't be made or written.
+    """
+
+    def __init__(self, folder: str | Path):
+        self.folder = Path(folder)
+
+    def __enter__(self) -> Path:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.temporary = Path(tempfile.mkdtemp(prefix=".texsss-", dir=self.folder))
+        except OSError as error:
+            raise unwritable(self.folder, error) from None
+        return self.temporary
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
+        try:
+            if kind is None:
+                for file in sorted(self.temporary.iterdir()):
+                    os.replace(file, self.folder / file.name)
+        except OSError as failure:
+            raise unwritable(self.folder, failure) from None
+        finally:
+            shutil.rmtree(self.temporary, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise unwritable(self.folder, error) from None
+
+
+def unwritable(folder: Path, error: OSError) -> AssetError:
+    """The one sentence for an output folder that refuses."""
+    return AssetError(
+        f"Output: {folder} cannot be written ({error.strerror or error}); choose another with --out."
+    )
