@@ -1,0 +1,25 @@
+"""Quotients and differences of exponentials that neither overflow nor cancel."""
+
+import torch
+
+from texsss.types import Tensor
+
+_SERIES_BELOW = 1e-2
+
+
+def relexp(x: Tensor) -> Tensor:
+    """(1 - e^-x) / x for x ≥ 0; 1 at x = 0. Differentiable everywhere."""
+    if not x.requires_grad:
+        # expm1 is exact for small arguments, so only 0 itself needs care
+        x = x.clamp_min(1e-30)
+        return -torch.expm1(-x) / x
+    # the derivative of the quotient cancels near 0: a series takes over
+    large = x.clamp_min(_SERIES_BELOW)
+    small = x.clamp_max(_SERIES_BELOW)
+    series = 1 - small / 2 * (1 - small / 3 * (1 - small / 4 * (1 - small / 5 * (1 - small / 6))))
+    return torch.where(x < _SERIES_BELOW, series, -torch.expm1(-large) / large)
+
+
+def relmin(p: Tensor, q: Tensor, d: Tensor) -> Tensor:
+    """∫ e^(-p z) e^(-q (d - z)) dz / d over a layer of thickness d, for p, q, d ≥ 0."""
+    return torch.exp(-torch.minimum(p, q) * d) * relexp((p - q).abs() * d)

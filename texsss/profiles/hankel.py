@@ -1,0 +1,77 @@
+"""Reflectance and transmittance of stacks in Hankel space, by any model: one function for all."""
+
+import torch
+
+from texsss.errors import DomainError
+from texsss.media.medium import Medium
+from texsss.media.stack import Layer, LayerTable, Stack
+from texsss.profiles import layered_diffusion
+from texsss.profiles.dipole import dipole_hankel
+from texsss.profiles.incidence import Incidence, incidence_cosine
+from texsss.types import Float, Tensor
+
+MODELS = ("dipole", "layered-diffusion")
+SCATTERINGS = ("total", "single", "multiple")
+SIDES = ("reflectance", "transmittance")
+Material = Stack | Layer | Medium | LayerTable
+
+
+def hankel_profiles(
+    material: Material,
+    s: Float[Tensor, " S"],
+    *,
+    model: str = "layered-diffusion",
+    scattering: str = "total",
+    incidence: Incidence = "diffuse",
+) -> tuple[Float[Tensor, "*B S C"], Float[Tensor, "*B S C"]]:
+    """R̂(s) and T̂(s) of scattered light, per unit of light that entered.
+
+    `s` [1/mm] decides dtype and device. `material`: a stack, layer, medium, or the rows of a table.
+    `incidence`: diffuse, normal or an angle outside [rad]. Differentiable in coefficients,
+    thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
+    """
+    table = as_table(material).to(s.dtype, s.device)
+    options = {"model": model, "scattering": scattering, "incidence": incidence}
+    reflected = flat_profile(table, s, side="reflectance", **options)
+    transmitted = flat_profile(table, s, side="transmittance", **options)
+    return _unflatten(reflected, table), _unflatten(transmitted, table)
+
+
+def as_table(material: Material) -> LayerTable:
+    """The rows that a material stands for."""
+    if isinstance(material, LayerTable):
+        return material
+    return (material if isinstance(material, Stack) else Stack(material)).table()
+
+
+def flat_profile(
+    table: LayerTable,
+    s: Float[Tensor, " S"],
+    *,
+    side: str,
+    model: str,
+    scattering: str = "total",
+    incidence: Incidence = "diffuse",
+) -> Float[Tensor, "S N"]:
+    """R̂(s) or T̂(s), by `side`, of all rows and channels flattened to N, as they are computed."""
+    choose("model", model, MODELS)
+    choose("scattering", scattering, SCATTERINGS)
+    choose("side", side, SIDES)
+    cosine = incidence_cosine(incidence, table.eta[0])
+    if scattering != "total":
+        raise DomainError(f"scattering: {model} knows only the total, got {scattering!r}; use layered-sp3.")
+    if model == "dipole":
+        R = dipole_hankel(table, s)
+        return R if side == "reflectance" else torch.zeros_like(R)
+    solve = layered_diffusion.reflectance if side == "reflectance" else layered_diffusion.transmittance
+    return solve(table, s, cosine)
+
+
+def choose(what: str, name: str, choices: tuple[str, ...]) -> None:
+    """Raises DomainError, listing the choices, unless `name` is one of them."""
+    if name not in choices:
+        raise DomainError(f"{what}: expected one of {', '.join(choices)}, got {name!r}.")
+
+
+def _unflatten(flat: Float[Tensor, "S N"], table: LayerTable) -> Float[Tensor, "*B S C"]:
+    return flat.reshape(-1, *table.batch, table.channels).movedim(0, -2)

@@ -1,0 +1,140 @@
+"""Weights of the Gaussian bank for every texel, computed once per distinct material."""
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from texsss.media.stack import LayerTable, Stack
+from texsss.profiles.gaussians import GaussianSum
+from texsss.profiles.hankel import Material, as_table, flat_profile
+from texsss.profiles.incidence import Incidence
+from texsss.profiles.project import NODES, frequencies, projector
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
+
+CHUNK = 4096  # rows solved at once: temporaries stay in cache
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Weights per texel as a table of distinct rows and an index into it.
+
+    `variances` (K,) [mm²]; `table` (U, K, C); `row` (P,): the row of each texel.
+    """
+
+    variances: Float[Tensor, " K"]
+    table: Float[Tensor, "U K C"]
+    row: Int[Tensor, " P"]
+
+    def at(self, points: slice | Tensor = slice(None)) -> Float[Tensor, "P K C"]:
+        """Weights of some texels, of all unless told."""
+        return self.table[self.row[points].long()]
+
+    @property
+    def total(self) -> Float[Tensor, "P C"]:
+        """Share of the light that comes back at every texel."""
+        return self.table.sum(1)[self.row.long()]
+
+    def normalised(self) -> "Weights":
+        """The same shapes with total 1 per channel, for materials whose colour comes from an albedo map."""
+        total = self.table.sum(1, keepdim=True)
+        some = total > 0
+        return replace(self, table=torch.where(some, self.table / torch.where(some, total, 1.0), 0.0))
+
+    def row_sum(self, row: int) -> GaussianSum:
+        """The Gaussian sum of one row of the table."""
+        return GaussianSum(self.variances, self.table[row])
+
+
+def weights_for(
+    material: Material,
+    variances: Float[Tensor, " K"],
+    *,
+    points_uv: Float[Tensor, "P 2"] | None = None,
+    points: int | None = None,
+    model: str = "layered-diffusion",
+    scattering: str = "total",
+    incidence: Incidence = "diffuse",
+    side: str = "reflectance",
+    nodes: int = NODES,
+    channels: int = 3,
+    levels: int | None = None,
+    dtype: torch.dtype = torch.float32,
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> Weights:
+    """Weights of the ladder `variances` [mm²] for every texel.
+
+    `material`: a stack whose maps are looked up at `points_uv` (P, 2); a uniform one has a single row,
+    shared by all of `points_uv` or by `points` texels. `side`: reflectance or transmittance. Equal rows
+    are solved once; `levels` rounds every coefficient that varies to as many steps between its
+    extremes first, so that maps become tables (None: exact; ignored while gradients are asked for).
+    Grey materials are shown in `channels` channels. Differentiable in maps and coefficients.
+    Raises DomainError: for unknown names; Cancelled.
+    """
+    if not isinstance(material, (LayerTable, Stack)):
+        material = Stack(material)
+    if points_uv is not None:
+        points = points_uv.shape[0]
+    looked_up = points_uv is not None and isinstance(material, Stack) and material.varies
+    table = material.at(points_uv) if looked_up else as_table(material)
+    table = table.to(dtype).expand(channels)
+    table, row = _distinct(table, points, None if table.requires_grad else levels)
+
+    s, ds = frequencies(variances, nodes)
+    matrix = projector(variances, s, ds).to(table.sigma_a)
+    s = torch.cat([s, s.new_zeros(1)]).to(table.sigma_a)
+    solved = []
+    parts = chunks(table.batch[0], CHUNK)
+    for part in parts:
+        check_cancelled(cancel)
+        rows = table.rows(part)
+        spectrum = flat_profile(rows, s, side=side, model=model, scattering=scattering, incidence=incidence)
+        solved.append((matrix @ spectrum).reshape(len(variances), *rows.batch, -1).movedim(0, 1))
+        if progress is not None:
+            progress("weights", part.stop / table.batch[0])
+    return Weights(variances.to(table.sigma_a), torch.cat(solved), row)
+
+
+def _distinct(
+    table: LayerTable, points: int | None, levels: int | None
+) -> tuple[LayerTable, Int[Tensor, " P"]]:
+    """The distinct rows of a table, batch (U,), and which of them every texel has."""
+    device = table.sigma_a.device
+    if not table.batch:
+        return table.rows(None), torch.zeros(points or 1, dtype=torch.int32, device=device)
+    table = table.of([x.reshape(-1, *x.shape[-2:]) for x in table.fields])
+    count = table.batch[0]
+    if table.requires_grad:  # a shared row would pass its gradient to one texel only
+        return table, torch.arange(count, dtype=torch.int32, device=device)
+    flat = torch.cat([x.reshape(count, -1) for x in table.fields], 1)
+    columns = (flat != flat[:1]).any(0)
+    varying = flat[:, columns]
+    if varying.shape[1] == 0:
+        return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
+    if levels is not None:
+        low, high = varying.aminmax(dim=0)
+        step = (high - low) / (levels - 1)
+        varying = low + torch.round((varying - low) / step) * step
+    first, row = _unique_rows(varying)
+    flat = flat[first]
+    flat[:, columns] = varying[first]
+    fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
+    return table.of(fields), row.to(torch.int32)
+
+
+def _unique_rows(rows: Float[Tensor, "P F"]) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]]:
+    """Index of the first of each set of equal rows, and the set of each row."""
+    generator = torch.Generator().manual_seed(0)
+    odd = torch.randint(-(2**62), 2**62, (rows.shape[1],), generator=generator).to(rows.device) * 2 + 1
+    bits = rows.contiguous().view(torch.int64 if rows.dtype == torch.float64 else torch.int32).long()
+    # multiply-and-shift hash: sorting one integer per row is far cheaper than sorting rows
+    mixed = bits * odd
+    _, row = torch.unique((mixed ^ (mixed >> 29)).sum(1), return_inverse=True)
+    count = int(row.max()) + 1
+    first = torch.full((count,), rows.shape[0], device=rows.device)
+    first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
+    if not torch.equal(rows[first][row], rows):  # two rows shared a hash: do it the slow way
+        _, row = torch.unique(rows, dim=0, return_inverse=True)
+        first = torch.full((int(row.max()) + 1,), rows.shape[0], device=rows.device)
+        first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
+    return first, row
