@@ -1,0 +1,201 @@
+"""Lights: each tells a point from where how much of it arrives."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import torch
+
+from texsss.errors import DomainError, ShapeError
+from texsss.media import fresnel
+from texsss.types import Float, Tensor, unit
+
+Triple = Sequence[int | float] | Tensor
+MM2_PER_M2 = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class LightSamples:
+    """One look at a light from each of P points.
+
+    `direction` (P, 3): unit, towards the light. `distance` (P,): to it [mm], infinite for the sky.
+    `irradiance` (P, 3): what this sample stands for on a plane that faces it [W/m²]; the mean over
+    samples of irradiance × cosine is the light's irradiance.
+    """
+
+    direction: Float[Tensor, "P 3"]
+    distance: Float[Tensor, " P"]
+    irradiance: Float[Tensor, "P 3"]
+
+
+@runtime_checkable
+class Light(Protocol):
+    """What every light offers; `irradiance` and the highlights in view ask for nothing else."""
+
+    @property
+    def is_delta(self) -> bool:
+        """Whether all its light comes from one direction, so that one sample is exact."""
+        ...
+
+    @property
+    def is_environment(self) -> bool:
+        """Whether it surrounds the scene and `radiance_from` tells what comes from where."""
+        ...
+
+    def sample(
+        self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+    ) -> LightSamples:
+        """One sample per point of `position` [mm], chosen by `square` in 0..1².
+
+        `normal` is the unit shading normal; lights that surround the point sample its hemisphere.
+        Differentiable in the light's values and in `position`.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PointLight:
+    """A point that shines alike in all directions: `position` (3,) [mm], `intensity` (3,) [W/sr].
+
+    Raises ShapeError, DomainError: when these are not three finite numbers, or intensity is negative.
+    """
+
+    position: Triple
+    intensity: Triple
+    is_delta = True
+    is_environment = False
+
+    def __post_init__(self):
+        _triple(self, "position")
+        _triple(self, "intensity", least=0.0)
+
+    def sample(
+        self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+    ) -> LightSamples:
+        """See `Light.sample`."""
+        offset = _like(self.position, position) - position
+        # a micrometre away is as near as a light gets
+        squared = (offset * offset).sum(-1).clamp_min(1e-6)
+        irradiance = _like(self.intensity, position) * (MM2_PER_M2 / squared)[:, None]
+        return LightSamples(unit(offset), squared.sqrt(), irradiance)
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionalLight:
+    """Parallel light: `direction` (3,) points *towards* the light, `irradiance` (3,) [W/m²] facing it.
+
+    Raises ShapeError, DomainError: when these are not three finite numbers, the direction is zero
+    or the irradiance negative.
+    """
+
+    direction: Triple
+    irradiance: Triple
+    is_delta = True
+    is_environment = False
+
+    def __post_init__(self):
+        direction = _triple(self, "direction")
+        _triple(self, "irradiance", least=0.0)
+        if not float(torch.linalg.vector_norm(direction.detach())) > 0:
+            raise DomainError(
+                "DirectionalLight: expected a direction, got (0, 0, 0); (0, 1, 0) is from above."
+            )
+
+    def sample(
+        self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+    ) -> LightSamples:
+        """See `Light.sample`."""
+        direction = unit(_like(self.direction, position)).expand_as(position)
+        distance = position.new_full(position.shape[:1], math.inf)
+        return LightSamples(direction, distance, _like(self.irradiance, position).expand_as(position))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantEnvironment:
+    """The same `radiance` (3,) [W/(m² sr)] from everywhere.
+
+    Raises ShapeError, DomainError: when it is not three finite numbers of at least 0.
+    """
+
+    radiance: Triple
+    is_delta = False
+    is_environment = True
+
+    def __post_init__(self):
+        _triple(self, "radiance", least=0.0)
+
+    def sample(
+        self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+    ) -> LightSamples:
+        """See `Light.sample`; directions are distributed as the cosine."""
+        direction, cosine = cosine_hemisphere(normal, square)
+        irradiance = math.pi * _like(self.radiance, position) / cosine[:, None]
+        return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
+
+    def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+        """Radiance that arrives from `direction` [W/(m² sr)]."""
+        return _like(self.radiance, direction).expand_as(direction)
+
+    def unoccluded(self, eta: float) -> Float[Tensor, "3"]:
+        """Irradiance that enters a surface which nothing shadows [W/m²]: π L F_dt(eta)."""
+        radiance = self.radiance
+        assert isinstance(radiance, Tensor)
+        return math.pi * fresnel.F_dt(eta) * radiance
+
+
+def cosine_hemisphere(
+    normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+) -> tuple[Float[Tensor, "P 3"], Float[Tensor, " P"]]:
+    """Unit directions around `normal` with density cosine / π, and their cosines (at least 1e-6).
+
+    `square` in 0..1² is mapped without tearing strata apart. Source: Shirley & Chiu 1997.
+    """
+    x, y = disk(square)
+    z = torch.sqrt((1 - x * x - y * y).clamp_min(1e-12))
+    tangent, bitangent = basis(normal)
+    direction = x[:, None] * tangent + y[:, None] * bitangent + z[:, None] * normal
+    return direction, z
+
+
+def disk(square: Float[Tensor, "P 2"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
+    """Points of the unit disk, uniform and without torn strata. Source: Shirley & Chiu 1997."""
+    a, b = (2 * square - 1).unbind(-1)
+    wide = a.abs() > b.abs()
+    radius = torch.where(wide, a, b)
+    safe = torch.where(radius == 0, torch.ones_like(radius), radius)
+    ratio = torch.where(wide, b, a) / safe * (math.pi / 4)
+    angle = torch.where(wide, ratio, math.pi / 2 - ratio)
+    return radius * torch.cos(angle), radius * torch.sin(angle)
+
+
+def basis(normal: Float[Tensor, "P 3"]) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
+    """Two unit vectors across each unit `normal`, right-handed with it. Source: Duff et al. 2017."""
+    x, y, z = normal.unbind(-1)
+    sign = torch.where(z < 0, -1.0, 1.0).to(normal.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    tangent = torch.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
+    bitangent = torch.stack([b, sign + y * y * a, -y], -1)
+    return tangent, bitangent
+
+
+def _like(value: Triple, other: Tensor) -> Tensor:
+    assert isinstance(value, Tensor)
+    return value.to(other)
+
+
+def _triple(light: object, field: str, least: float = -math.inf) -> Tensor:
+    """The field as a tensor of three finite numbers, which takes the field's place."""
+    value = getattr(light, field)
+    if not isinstance(value, Tensor):
+        value = torch.tensor([float(v) for v in value], dtype=torch.float32)
+    who = type(light).__name__
+    if value.shape != (3,):
+        raise ShapeError(f"{who}: expected three numbers for {field}, got shape {tuple(value.shape)}.")
+    seen = value.detach()
+    if not bool(torch.isfinite(seen).all()) or not bool((seen >= least).all()):
+        need = "finite numbers" if least == -math.inf else f"finite numbers of at least {least:g}"
+        raise DomainError(f"{who}: expected {need} for {field}, got {seen.tolist()}.")
+    object.__setattr__(light, field, value)
+    return value
