@@ -1,0 +1,15 @@
+"""Slow, independent truths that texsss is held against; nothing here imports texsss.
+
+    layers      the stack that all references take
+    boundary    Fresnel reflectance and its moments
+    montecarlo  photons through the stack: any phase function, per-layer eta, error bars
+    adding      adding-doubling (iadpython): totals to five digits
+    collocation spectral solution of layered boundary-value problems
+    diffusion   its use for N-layer diffusion, the twin of `layered-diffusion`
+    sp3         its use for the two-mode model, the twin of `layered-sp3`'s R_c
+    transport   tabulated solutions of the integral transport equation
+    stacks      the stacks of the accuracy table and their tabulated Monte Carlo results
+
+Reflectances and transmittances are per unit of light that entered, lengths mm, coefficients 1/mm,
+eta = inside / outside.
+"""

@@ -1,0 +1,78 @@
+"""The two-mode model's collided part R_c, T_c by collocation: the twin of `layered-sp3` without its R1.
+
+Two even-parity components ψ_j along the cosines μ_j, whose weights w_j sum to 1 and make Σ w_j μ_j² = 1/3:
+
+    -(μ_j²/σ) ψ_j'' + (σ + s² μ_j²/σ) ψ_j = a σ Σ_i w_i ψ_i + σs' t(z)           σ = σt', a = albedo'
+
+That is -D_j ψ_j'' + D_j K_j ψ_j - D_j (σ² a/μ_j²) Σ w_i ψ_i = q with D_j = μ_j²/σ, K_j = σ²/μ_j² + s²; and
+since c_j = w_j a σ²/μ_j², the matrix D⁻¹M has the eigenvalues λ± of the closed form. Boundary conditions,
+fitted per eta, and what leaves by a face:
+
+    top      D_j ψ_j' = B_j ψ_j,   B_j = D_j b_j sqrt(σ²/μ_j² + γ_j s²)          (bottom alike, sign reversed)
+    out      R_c = Σ_j w_j e_j ψ_j(0),   e_j = D_j b_j sqrt(σ²/μ_j² + δ_j s²)
+
+The closed form is the adjoint: it solves the homogeneous system for χ with (diag B + Y) χ = e at the face
+and integrates σs' t Σ w_j χ_j over the depth. Both agree by Green's identity, because w_j times equation j
+is self-adjoint: Σ_j w_j D_j [χ_j ψ_j' - ψ_j χ_j'] = Σ_j w_j (χ_j B_j ψ_j - ψ_j (B_j χ_j - e_j)) = Σ_j w_j
+e_j ψ_j at 0.
+
+At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. The table is for the eta of the faces; inner
+indices must be equal.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from reference.boundary import Array
+from reference.collocation import Region, solve
+from reference.layers import Layer, check_stack
+
+# eta: μ1 μ2, b1 b2, γ1 γ2, δ1 δ2, fitted to half-spaces
+MODES = {
+    1.0: ((0.2113249, 0.7886751), (1, 1), (1, 1), (1, 1)),
+    1.1: ((0.16907, 0.77852), (0.067696, 0.89174), (148.41, 3.6767), (20.279, 2.4125)),
+    1.2: ((0.21354, 0.86588), (0.044862, 0.80475), (148.41, 4.1015), (38.542, 2.2842)),
+    1.3: ((0.28336, 0.94983), (0.044072, 0.79374), (148.41, 3.7649), (106.60, 1.6315)),
+    1.33: ((0.28462, 0.96756), (0.042150, 0.75428), (148.41, 3.7518), (95.369, 1.6215)),
+    1.4: ((0.26827, 0.99459), (0.036438, 0.63064), (148.41, 4.0085), (55.378, 1.8326)),
+    1.5: ((0.25610, 0.99459), (0.027079, 0.48842), (148.41, 5.0925), (27.917, 2.2529)),
+    1.6: ((0.26713, 0.99459), (0.019483, 0.40854), (148.41, 6.4265), (21.723, 2.6469)),
+}
+
+
+def collided(layers: Sequence[Layer], s: Array, scattering: bool = True) -> tuple[Array, Array]:
+    """R_c(s), T_c(s), (S,) each; without scattering (a = 0, source kept) R_u and T_u.
+
+    eta of all layers: the same, and one of MODES.
+    """
+    check_stack(layers)
+    etas = {layer.eta for layer in layers}
+    if len(etas) > 1:
+        raise ValueError(f"the two-mode reference knows one eta per stack, got {sorted(etas)}")
+    mu, b, gamma, delta = (np.array(pair, dtype=float) for pair in MODES[etas.pop()])
+    w = np.array([mu[1] ** 2 - 1 / 3, 1 / 3 - mu[0] ** 2]) / (mu[1] ** 2 - mu[0] ** 2)
+    infinite = np.isinf(layers[-1].thickness)
+
+    def face(layer: Layer, factor: Array, frequency: float) -> Array:
+        sigma = layer.sigma_t_prime
+        return mu**2 / sigma * b * np.sqrt(sigma**2 / mu**2 + factor * frequency**2)
+
+    R, T = [], []
+    for frequency in np.atleast_1d(s):
+        regions, light = [], 1.0
+        for layer in layers:
+            sigma = layer.sigma_t_prime
+            D = mu**2 / sigma
+            M = np.diag(sigma + frequency**2 * D)
+            if scattering:
+                M = M - layer.sigma_s_prime * np.outer(np.ones(2), w)
+            source = light * layer.sigma_s_prime * np.ones(2)
+            regions.append(Region(D, M, source, sigma, layer.thickness))
+            light *= np.exp(-sigma * layer.thickness)
+        first, last = layers[0], layers[-1]
+        bottom = None if infinite else face(last, gamma, frequency)
+        upper, lower = solve(regions, face(first, gamma, frequency), bottom)
+        R.append(w @ (face(first, delta, frequency) * upper))
+        T.append(w @ (face(last, delta, frequency) * lower))
+    return np.array(R), np.array(T)
