@@ -1,0 +1,218 @@
+"""Meshes from files: OBJ, PLY, STL and glTF as one `Mesh` in millimetres, y up."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+
+from texsss.errors import AssetError
+from texsss.io._gltf import read_glb, read_gltf
+from texsss.io._obj import read_obj
+from texsss.io._raw import Fault, RawMesh
+from texsss.io._scan import read_ply, read_stl
+from texsss.io.probe import MeshFormat, mesh_format
+from texsss.surface.mesh import Mesh
+
+Up = Literal["y", "z", "x", "-y", "-z", "-x"]
+
+READERS: dict[MeshFormat, Callable[[bytes], RawMesh]] = {
+    "obj": read_obj, "ply": read_ply, "stl": read_stl, "glb": read_glb, "gltf": read_gltf,
+}  # fmt: skip
+MAX_BYTES = 2 << 30
+LARGEST_MM, SMALLEST_MM = 1e9, 1e-12
+THINNEST = 1e-7  # height over longest side, below which a triangle has no normal in float32
+FAR = 1e3  # centres farther from the origin than so many diagonals lose digits in float32
+
+# rows of the rotation that takes the axis named to +y
+UPRIGHT: dict[str, list[list[float]]] = {
+    "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-y": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "-z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "x": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+    "-x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+}
+
+
+@dataclass(frozen=True)
+class MeshNotes:
+    """What was found in a mesh file, and what was assumed.
+
+    `unit_mm`: millimetres per unit of the file; `unit_assumed`: nobody stated it. `size_mm`: extent
+    along x, y, z. `faces_dropped`: triangles without area. `uv`: whether the file has texture coordinates.
+    `messages`: all of it as sentences for the user.
+    """
+
+    file_format: MeshFormat
+    unit_mm: float
+    unit_assumed: bool
+    size_mm: tuple[float, float, float]
+    faces: int
+    vertices: int
+    faces_dropped: int
+    uv: Literal["complete", "none"]
+    messages: tuple[str, ...]
+
+    @property
+    def height_mm(self) -> float:
+        """Size along y [mm]."""
+        return self.size_mm[1]
+
+
+def read_mesh(
+    source: Path | str | bytes,
+    *,
+    unit_mm: float | None = None,
+    up: Up = "y",
+    file_type: str | None = None,
+    name: str | None = None,
+) -> tuple[Mesh, MeshNotes]:
+    """A mesh file as one mesh [mm], y up, and what was assumed in reading it.
+
+    `source`: a path, or a file's bytes, whose kind is told from their content (`file_type` is a hint).
+    `unit_mm`: millimetres per unit of the file. If None: metres for glTF, as it prescribes; millimetres
+    for STL, as printers have it; else by the longest side: metres below 3 units, centimetres below 300,
+    else millimetres. `up`: the file's axis that points up. Vertices merge where they coincide exactly;
+    texture coordinates stay per corner, v down whatever the format says. Faces keep the file's order;
+    triangles without area are dropped. Other files that the mesh refers to are never opened.
+    Raises AssetError: when the file is missing, unreadable, no mesh, or no surface; when vertices or texture
+    coordinates are not finite, or only some faces have the latter; when the size is not sensible.
+    """
+    data, name = _bytes_of(source, name)
+    try:
+        if unit_mm is not None and not (np.isfinite(unit_mm) and unit_mm > 0):
+            raise Fault(
+                f"expected a unit above 0 mm, got {unit_mm}", "pass millimetres per unit, 1000 for metres"
+            )
+        if up not in UPRIGHT:
+            raise Fault(
+                f"expected up as one of {', '.join(UPRIGHT)}, got {up!r}", "name the axis that points up"
+            )
+        kind = mesh_format(data, file_type or Path(name).suffix)
+        return _finished(READERS[kind](data), kind, unit_mm, up, Path(name).stem)
+    except Fault as fault:
+        raise fault.named(name) from None
+
+
+def _bytes_of(source: Path | str | bytes, name: str | None) -> tuple[bytes, str]:
+    if isinstance(source, bytes):
+        return source, name or "mesh"
+    path = Path(source)
+    name = name or path.name
+    try:
+        if not path.is_file():
+            raise AssetError(f"{path}: expected a mesh file, found {_what_is(path)}; check the path.")
+        if path.stat().st_size > MAX_BYTES:
+            raise Fault("expected at most 2 GiB", "decimate the mesh").named(name)
+        return path.read_bytes(), name
+    except (OSError, ValueError) as error:
+        if isinstance(error, AssetError):
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+        raise AssetError(f"{path}: the file cannot be read ({reason}); check its permissions.") from None
+
+
+def _what_is(path: Path) -> str:
+    return "a folder" if path.is_dir() else "none"
+
+
+def _finished(
+    raw: RawMesh, kind: MeshFormat, unit_mm: float | None, up: Up, name: str
+) -> tuple[Mesh, MeshNotes]:
+    notes = list(dict.fromkeys(raw.notes))
+    points, faces = _compact(raw.vertices, raw.faces)
+    _check_finite(points, raw.uv)
+    extent = np.ptp(points, axis=0)
+    longest = float(extent.max())
+    if not longest > 0:
+        raise Fault("all vertices lie in one point", "check the export and its scale")
+    assumed = unit_mm is None
+    if unit_mm is None:
+        unit_mm = _assumed_unit(kind, longest)
+    if not SMALLEST_MM <= longest * unit_mm <= LARGEST_MM:
+        raise Fault(
+            f"expected an object of {SMALLEST_MM:g} to {LARGEST_MM:g} mm, got {longest * unit_mm:.3g} mm "
+            f"at {unit_mm:g} mm per unit",
+            "state the unit, or scale the mesh",
+        )
+    points = points * unit_mm @ np.array(UPRIGHT[up]).T
+    centre = (points.max(0) + points.min(0)) / 2
+    if np.linalg.norm(centre) > FAR * longest * unit_mm:
+        points = points - centre
+        notes.append(f"it lay {np.linalg.norm(centre):.3g} mm from the origin and was moved there")
+    faces, uv, vertices, dropped = _merged(points, faces, raw.uv)
+    if dropped:
+        notes.append(f"{dropped:,} of {len(raw.faces):,} triangles have no area and were dropped")
+    if uv is None:
+        notes.append("it has no texture coordinates")
+    size = np.ptp(vertices, axis=0)
+    if assumed:
+        notes.insert(
+            0,
+            f"no unit was given: one unit of this {kind.upper()} is taken as {unit_mm:g} mm, "
+            f"which makes the object {size[1]:.4g} mm tall",
+        )
+    mesh = Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), uv, name)
+    return mesh, MeshNotes(
+        kind, unit_mm, assumed, tuple(float(s) for s in size), len(faces), len(vertices), dropped,
+        "none" if uv is None else "complete", tuple(notes),
+    )  # fmt: skip
+
+
+def _assumed_unit(kind: MeshFormat, longest: float) -> float:
+    if kind in ("glb", "gltf"):
+        return 1000.0
+    if kind == "stl":
+        return 1.0
+    return 1000.0 if longest < 3 else 10.0 if longest < 300 else 1.0
+
+
+def _compact(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Only the vertices that faces use."""
+    used = np.zeros(len(points), dtype=bool)
+    used[faces] = True
+    return points[used], (np.cumsum(used) - 1)[faces]
+
+
+def _check_finite(points: np.ndarray, uv: np.ndarray | None) -> None:
+    wrong = int((~np.isfinite(points)).any(-1).sum())
+    if wrong:
+        raise Fault(f"expected finite vertices, got {wrong:,} with NaN or infinity", "repair the mesh")
+    if uv is None:
+        return
+    wrong = int((~np.isfinite(uv)).any((-1, -2)).sum())
+    if wrong:
+        raise Fault(
+            f"expected finite texture coordinates, got NaN or infinity on {wrong:,} faces", "unwrap it again"
+        )
+    if np.abs(uv).max() > 1e6:
+        raise Fault(
+            f"texture coordinates reach {np.abs(uv).max():.3g}, where tiles have no digits left",
+            "unwrap the mesh again",
+        )
+
+
+def _merged(
+    points: np.ndarray, faces: np.ndarray, uv: np.ndarray | None
+) -> tuple[np.ndarray, torch.Tensor | None, np.ndarray, int]:
+    """Faces, uv and vertices, in float32, with coinciding vertices made one and flat faces dropped."""
+    single = points.astype(np.float32) + np.float32(0)  # −0 and 0 coincide
+    packed = np.ascontiguousarray(single).view(np.dtype((np.void, 12)))[:, 0]
+    _, first, number = np.unique(packed, return_index=True, return_inverse=True)
+    # in the order in which the file has them
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    vertices, faces = single[first[order]], rank[number.reshape(-1)][faces]
+    corners = vertices.astype(np.float64)[faces]
+    edges = np.roll(corners, -1, 1) - corners
+    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    kept = doubled > THINNEST * (edges**2).sum(-1).max(-1)
+    if not kept.any():
+        raise Fault("no triangle has any area", "give a mesh with a surface")
+    used, faces = _compact(vertices, faces[kept])
+    texture = None if uv is None else torch.from_numpy(uv[kept].astype(np.float32))
+    return faces, texture, used, int((~kept).sum())
