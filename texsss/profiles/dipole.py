@@ -23,7 +23,7 @@ def egan_A(eta: float) -> float:
 
 
 def pole(r: Tensor, z: Tensor, sigma_tr: Tensor) -> Tensor:
-    """Flux through the plane of a source at depth z, z (1 + σ d) e^(-σ d) / (2π d³), d = √(r² + z²) [1/mm²]."""
+    """Flux through the surface from a source at depth z, z (1 + σ d) e^(-σ d) / (2π d³) [1/mm²]."""
     d = torch.hypot(r, z)
     x = sigma_tr * d
     return z * (1 + x) * torch.exp(-x) / (2 * torch.pi * d**3)

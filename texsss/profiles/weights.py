@@ -51,7 +51,7 @@ def weights_for(
     *,
     points_uv: Float[Tensor, "P 2"] | None = None,
     points: int | None = None,
-    model: str = "layered-diffusion",
+    model: str = "layered-sp3",
     scattering: str = "total",
     incidence: Incidence = "diffuse",
     side: str = "reflectance",
