@@ -25,10 +25,9 @@ def read_obj(data: bytes) -> RawMesh:
         raise Fault(f"expected triangles, found {what}", "give a mesh with a surface")
     points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
     check_counts(len(points), sum(len(p) - 2 for p in polygons))
-    corners, notes = _triangles(points, polygons)
+    corners = _triangles(points, polygons)
     faces, places = corners[..., 0], corners[..., 1]
-    check_indices(faces, len(points))
-    return RawMesh(points, faces, _uv(places, coordinates), notes)
+    return RawMesh(points, faces, _uv(places, coordinates))
 
 
 def _parse(text: str) -> tuple[list, list, list[list[Corner]]]:
@@ -90,22 +89,18 @@ def _from_zero(index: int, seen: int) -> int:
     return index - 1
 
 
-def _triangles(points: np.ndarray, polygons: list[list[Corner]]) -> tuple[np.ndarray, list[str]]:
+def _triangles(points: np.ndarray, polygons: list[list[Corner]]) -> np.ndarray:
     """Corners (F, 3, 2) of all triangles in file order."""
     sizes = np.fromiter((len(p) for p in polygons), dtype=np.int64, count=len(polygons))
-    if (sizes == 3).all():
-        return np.array(polygons, dtype=np.int64).reshape(-1, 3, 2), []
-    parts = []
-    for polygon in polygons:
-        corners = np.array(polygon, dtype=np.int64)
-        if len(polygon) > 3:
-            check_indices(corners[:, 0], len(points))
-            corners = corners[triangulate(points[corners[:, 0]])].reshape(-1, 3, 2)
-        parts.append(corners.reshape(-1, 3, 2))
-    larger = int((sizes > 3).sum())
-    return np.concatenate(parts), [
-        f"{larger:,} polygons with more than three corners were cut into triangles"
-    ]
+    first = np.cumsum(sizes - 2) - (sizes - 2)
+    result = np.empty((int((sizes - 2).sum()), 3, 2), dtype=np.int64)
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size)
+        corners = np.array([polygons[row] for row in rows], dtype=np.int64)  # (N, n, 2)
+        check_indices(corners[..., 0], len(points))
+        cut = triangulate(points[corners[..., 0]])  # (N, n − 2, 3)
+        result[first[rows, None] + np.arange(size - 2)] = corners[np.arange(len(rows))[:, None, None], cut]
+    return result
 
 
 def _uv(places: np.ndarray, coordinates: list) -> np.ndarray | None:
@@ -114,7 +109,7 @@ def _uv(places: np.ndarray, coordinates: list) -> np.ndarray | None:
         return None
     if lacking.any():
         raise Fault(
-            f"{int(lacking.sum()):,} of {len(lacking):,} faces have no texture coordinates while others have",
+            f"{np.count_nonzero(lacking):,} of {lacking.size:,} faces have no texture coordinates while others have",
             "unwrap them too, or export without texture coordinates",
         )
     if places.max() >= len(coordinates):

@@ -6,36 +6,34 @@ MAX_EAR_CORNERS = 4000  # ear clipping is quadratic; larger ones are cut into a 
 
 
 def triangulate(points: np.ndarray) -> np.ndarray:
-    """Corner numbers (n − 2, 3) of triangles that fill the polygon `points` (n, 3), in its own orientation.
+    """Corner numbers (N, n − 2, 3) of triangles that fill N polygons `points` (N, n, 3), turning as they do.
 
-    Quads and larger polygons that are convex become fans; others lose one ear after the other in the
-    plane across their mean normal (Meisters 1975).
+    Convex ones become fans; others lose one ear after the other in the plane across their mean normal
+    (Meisters 1975).
     """
-    count = len(points)
+    many, count = points.shape[:2]
     fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], -1)
-    if count == 3 or count > MAX_EAR_CORNERS or not np.isfinite(points).all():
-        return fan
-    flat = _in_plane(points)
-    if flat is None:
-        return fan
-    a, b, c = (flat[fan[:, k]] for k in range(3))
-    if (_cross(b - a, c - a) > 0).all():
-        return fan
-    return _ears(flat)
+    result = np.broadcast_to(fan, (many, *fan.shape)).copy()
+    if count == 3 or count > MAX_EAR_CORNERS:
+        return result
+    with np.errstate(invalid="ignore", over="ignore"):
+        centred = points - points.mean(1, keepdims=True)
+        normal = np.cross(centred, np.roll(centred, -1, 1)).sum(1)  # Newell's
+        a, b, c = (points[:, fan[:, k]] for k in range(3))
+        turn = (np.cross(b - a, c - a) * normal[:, None]).sum(-1)
+        # without a normal, or not finite, there is nothing to improve on
+        concave = (turn <= 0).any(1) & (np.linalg.norm(normal, axis=-1) > 0)
+    for n in np.flatnonzero(concave):
+        result[n] = _ears(_in_plane(centred[n], normal[n]))
+    return result
 
 
-def _in_plane(points: np.ndarray) -> np.ndarray | None:
-    """Coordinates (n, 2) across the polygon's mean normal, turning left; None without area."""
-    centred = points - points.mean(0)
-    normal = np.cross(centred, np.roll(centred, -1, 0)).sum(0)  # Newell
-    length = np.linalg.norm(normal)
-    if not length > 0:
-        return None
-    normal = normal / length
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    x = np.cross(along, normal)
+def _in_plane(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Coordinates (n, 2) across `normal`, turning left."""
+    normal = normal / np.linalg.norm(normal)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     x /= np.linalg.norm(x)
-    return centred @ np.stack([x, np.cross(normal, x)], -1)
+    return points @ np.stack([x, np.cross(normal, x)], -1)
 
 
 def _ears(flat: np.ndarray) -> np.ndarray:

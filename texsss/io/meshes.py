@@ -157,7 +157,7 @@ def _finished(
         )
     mesh = Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), uv, name)
     return mesh, MeshNotes(
-        kind, unit_mm, assumed, tuple(float(s) for s in size), len(faces), len(vertices), dropped,
+        kind, unit_mm, assumed, (float(size[0]), float(size[1]), float(size[2])), len(faces), len(vertices), dropped,
         "none" if uv is None else "complete", tuple(notes),
     )  # fmt: skip
 
