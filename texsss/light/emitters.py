@@ -38,11 +38,6 @@ class Light(Protocol):
         """Whether all its light comes from one direction, so that one sample is exact."""
         ...
 
-    @property
-    def is_environment(self) -> bool:
-        """Whether it surrounds the scene and `radiance_from` tells what comes from where."""
-        ...
-
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
     ) -> LightSamples:
@@ -51,6 +46,15 @@ class Light(Protocol):
         `normal` is the unit shading normal; lights that surround the point sample its hemisphere.
         Differentiable in the light's values and in `position`.
         """
+        ...
+
+
+@runtime_checkable
+class Environment(Light, Protocol):
+    """A light that surrounds the scene."""
+
+    def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+        """Radiance that arrives from unit `direction` [W/(m² sr)]."""
         ...
 
 
@@ -64,7 +68,6 @@ class PointLight:
     position: Triple
     intensity: Triple
     is_delta = True
-    is_environment = False
 
     def __post_init__(self):
         _triple(self, "position")
@@ -92,7 +95,6 @@ class DirectionalLight:
     direction: Triple
     irradiance: Triple
     is_delta = True
-    is_environment = False
 
     def __post_init__(self):
         direction = _triple(self, "direction")
@@ -120,7 +122,6 @@ class ConstantEnvironment:
 
     radiance: Triple
     is_delta = False
-    is_environment = True
 
     def __post_init__(self):
         _triple(self, "radiance", least=0.0)
@@ -134,7 +135,7 @@ class ConstantEnvironment:
         return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
 
     def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
-        """Radiance that arrives from `direction` [W/(m² sr)]."""
+        """See `Environment.radiance_from`."""
         return _like(self.radiance, direction).expand_as(direction)
 
     def unoccluded(self, eta: float) -> Float[Tensor, "3"]:

@@ -6,7 +6,7 @@ import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
-from texsss.light.emitters import ConstantEnvironment, Light
+from texsss.light.emitters import ConstantEnvironment, Environment, Light
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
@@ -54,7 +54,7 @@ def irradiance(
             if light.is_delta:
                 squares = [site.position.new_zeros(len(site.position), 2)]
             else:
-                count = environment_samples if light.is_environment else area_samples
+                count = environment_samples if isinstance(light, Environment) else area_samples
                 squares = _squares(count, len(site.position), seed + number, generator)
             total = total + _from_light(light, site, eta, occluder, squares, cancel)
         parts.append(total)

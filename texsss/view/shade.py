@@ -1,0 +1,161 @@
+"""What the camera sees at its hits: scattered light on its way out, and highlights."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch.quasirandom import SobolEngine
+
+from texsss.errors import DomainError
+from texsss.light.emitters import Environment, Light
+from texsss.light.irradiance import smooth_origin
+from texsss.light.visibility import Occluder
+from texsss.media import fresnel
+from texsss.numerics.sampling import bilinear
+from texsss.surface.mesh import Mesh
+from texsss.types import Float, Tensor, unit
+from texsss.view import ggx
+from texsss.view.camera import Hits
+
+GRAZING = 0.02  # the least cosine of a visible point: normals that turn away are bent back to it
+
+
+@dataclass(frozen=True, eq=False)
+class Gloss:
+    """How the surface mirrors light.
+
+    `roughness` 0..1 (perceptual; the microfacet width is its square) and `strength` ≥ 0, which scales
+    the highlight: numbers, or a value per hit (P,).
+    Raises DomainError: when roughness is outside 0..1 or strength negative.
+    """
+
+    roughness: float | Tensor = 0.4
+    strength: float | Tensor = 1.0
+
+    def __post_init__(self):
+        for name, most in (("roughness", 1.0), ("strength", math.inf)):
+            low, high = (float(x) for x in torch.as_tensor(getattr(self, name)).detach().aminmax())
+            if not (low >= 0 and high <= most):
+                raise DomainError(f"Gloss: expected {name} from 0 to {most:g}, got {low:g} to {high:g}.")
+
+
+def shade(
+    hits: Hits,
+    mesh: Mesh,
+    atlas_uv: Float[Tensor, "F 3 2"],
+    exitance: Float[Tensor, "H W 3"],
+    lights: list[Light] | tuple[Light, ...],
+    *,
+    eta: float = 1.4,
+    gloss: Gloss | None = None,
+    albedo: Float[Tensor, "H2 W2 3"] | None = None,
+    normals: Float[Tensor, "P 3"] | None = None,
+    occluder: Occluder | None = None,
+    environment_samples: int = 8,
+    area_samples: int = 8,
+    seed: int = 0,
+) -> Float[Tensor, "P 3"]:
+    """Radiance towards the camera [W/(m² sr)].
+
+    `exitance`: scattered light M [W/m²], an image over `atlas_uv` without empty texels at the seams;
+    it leaves as F_t(ω) M / (π F_dt), times `albedo` (an image over the author's uv, tiled) where
+    given. `gloss` adds the highlights of every light, shadowed by `occluder`; None leaves them out.
+    `normals` (P, 3) take the place of the mesh's shading normals. Lights that are not points are
+    sampled with `seed`. Differentiable in exitance, albedo, lights, gloss and normals.
+    """
+    normal = facing(hits.points.normal(mesh) if normals is None else normals, hits.view)
+    cosine = (normal * hits.view).sum(-1)
+    scattered = bilinear(exitance, hits.points.uv(atlas_uv).to(exitance.dtype))
+    if albedo is not None and mesh.source_uv is not None:
+        scattered = scattered * bilinear(albedo, hits.points.uv(mesh.source_uv).to(albedo.dtype), "repeat")
+    radiance = scattered * (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None]
+    if gloss is None or not lights:
+        return radiance
+    site = _Site(hits, mesh, normal, occluder)
+    generator = torch.Generator().manual_seed(seed)
+    for number, light in enumerate(lights):
+        if isinstance(light, Environment):
+            squares = _squares(environment_samples, len(cosine), seed + number, generator)
+            mirrored = _mirrored(light, site, gloss, eta, squares)
+        else:
+            count = 1 if light.is_delta else area_samples
+            squares = _squares(count, len(cosine), seed + number, generator)
+            mirrored = _highlight(light, site, gloss, eta, squares)
+        radiance = radiance + mirrored * _per_hit(gloss.strength, cosine)[:, None]
+    return radiance
+
+
+def facing(normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+    """Shading normals, those that turn away from the viewer bent back until they graze."""
+    cosine = (normal * view).sum(-1, keepdim=True)
+    across = unit(normal - cosine * view)
+    bent = GRAZING * view + math.sqrt(1 - GRAZING**2) * across
+    return torch.where(cosine < GRAZING, bent, normal)
+
+
+class _Site:
+    """What highlights need to know about a list of hits."""
+
+    def __init__(self, hits: Hits, mesh: Mesh, normal: Float[Tensor, "P 3"], occluder: Occluder | None):
+        self.position = hits.points.position(mesh)
+        self.normal = normal
+        self.view = hits.view
+        self.face_normal = hits.points.face_normal(mesh)
+        self.origin = smooth_origin(hits.points, mesh)
+        self.occluder = occluder
+
+    def free(
+        self,
+        direction: Float[Tensor, "P 3"],
+        distance: Float[Tensor, " P"] | None,
+        carried: Float[Tensor, " P"],
+    ) -> Float[Tensor, " P"]:
+        """`carried`, with 0 where something stands in the way; rays only where it is not 0 already."""
+        if self.occluder is None:
+            return carried
+        rows = (carried.detach() > 0).nonzero()[:, 0]
+        hidden = self.occluder.occluded(
+            self.origin[rows],
+            direction[rows],
+            None if distance is None else distance[rows],
+            normals=self.face_normal[rows],
+        )
+        seen = torch.zeros_like(carried).index_put((rows,), (~hidden).to(carried.dtype))
+        return carried * seen
+
+
+def _highlight(
+    light: Light, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor]
+) -> Float[Tensor, "P 3"]:
+    """Mirrored radiance of a light that is sampled by itself."""
+    roughness = _per_hit(gloss.roughness, site.position[:, 0])
+    total = torch.zeros_like(site.position)
+    for square in squares:
+        seen = light.sample(site.position, site.normal, square.to(site.position))
+        carried = ggx.reflection(site.normal, site.view, seen.direction, roughness, eta)
+        total = total + seen.irradiance * site.free(seen.direction, seen.distance, carried)[:, None]
+    return total / len(squares)
+
+
+def _mirrored(
+    light: Environment, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor]
+) -> Float[Tensor, "P 3"]:
+    """Mirrored radiance of surroundings, looked up where the surface mirrors to."""
+    roughness = _per_hit(gloss.roughness, site.position[:, 0])
+    total = torch.zeros_like(site.position)
+    for square in squares:
+        direction, weight = ggx.sample_reflection(
+            site.normal, site.view, roughness, eta, square.to(site.position)
+        )
+        total = total + light.radiance_from(direction) * site.free(direction, None, weight)[:, None]
+    return total / len(squares)
+
+
+def _per_hit(value: float | Tensor, like: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
+    return torch.as_tensor(value, dtype=like.dtype, device=like.device).expand_as(like)
+
+
+def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> list[Tensor]:
+    """`count` well-spread samples of the unit square for each point, shifted from point to point."""
+    shift = torch.rand(points, 2, generator=generator)
+    return [torch.frac(s + shift) for s in SobolEngine(2, scramble=True, seed=seed).draw(count)]
