@@ -1,0 +1,140 @@
+import math
+
+import pytest
+import torch
+from shapes import sphere
+from squares import gaussian, square
+
+from texsss.errors import Cancelled, DomainError
+from texsss.surface.points import TexelMaps
+from texsss.surface.raster import rasterise
+from texsss.transport.spread import sharpness, spread
+from texsss.transport.uv import diffuse_uv
+from texsss.types import Float, Tensor
+
+LADDER = torch.tensor([0.0, 0.05, 0.5, 2.0, 8.0, 30.0, 110.0])  # mm²
+
+
+def lit(texels: TexelMaps) -> Float[Tensor, "P 3"]:
+    """Light from one side, with hard edges in two channels."""
+    position, normal = texels.points.position(texels.mesh), texels.points.normal(texels.mesh)
+    light = (normal @ normal.new_tensor([0.3, 0.4, 0.86])).clamp_min(0)
+    stripes = (torch.sin(position / 15).prod(-1) > 0).to(position.dtype)
+    return torch.stack([light, light * stripes, stripes], 1)
+
+
+def ball(size: int) -> TexelMaps:
+    """A sphere of 100 mm in six square charts, distorted by up to a factor of three."""
+    mesh = sphere(subdivisions=4)
+    centre = mesh.corners.mean(1)
+    axis = centre.abs().argmax(1)
+    side = torch.gather(centre, 1, axis[:, None])[:, 0] > 0
+    chart = axis * 2 + side
+    rows = torch.arange(len(axis))
+    others = torch.stack([(axis + 1) % 3, (axis + 2) % 3], 1)
+    depth = torch.gather(mesh.corners, 2, axis[:, None, None].expand(-1, 3, 1)).abs()
+    place = (
+        torch.stack([mesh.corners[rows, :, others[:, 0]], mesh.corners[rows, :, others[:, 1]]], -1) / depth
+    )
+    place = torch.where(side[:, None, None], place, place.flip(-1)) * 0.12 + 0.16
+    origin = torch.stack([chart % 3, chart // 3], 1) / 3
+    return rasterise(mesh, (place + origin[:, None]).float(), (size, size))
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1 / 3])
+def test_a_lit_texel_spreads_to_the_gaussians_in_mm(stretch: float):
+    """Σ_k w_k G(v_k, r), whatever the square's shape in texture space."""
+    corners = torch.tensor([[0, 0], [1, 0], [1, stretch], [0, stretch]])
+    texels = square(256, 200.0, uv=corners)
+    position = texels.points.position(texels.mesh)
+    spot = int((position - position.new_tensor([97.0, 103.0, 0])).norm(dim=1).argmin())
+    light = torch.zeros(len(texels), 1)
+    light[spot] = 1 / texels.area[spot]
+    variances = torch.tensor([8.0, 30.0, 110.0, 400.0])  # 1.2 texels of 2.3 mm and up
+    weights = torch.tensor([0.1, 0.4, 0.3, 0.2])
+
+    spread_out = (weights[:, None] * diffuse_uv(light, texels, variances)[..., 0]).sum(0)
+    squared = (position - position[spot]).square().sum(-1)
+    expected = (weights * gaussian(1.0, squared[:, None] / variances) / variances).sum(-1)
+    # measured .25 % and .27 % of the peak
+    assert (spread_out - expected).abs().max() < 0.01 * expected.max()
+    # measured .17 % and .23 %
+    assert (spread_out - expected).norm() < 0.01 * expected.norm()
+
+
+def test_a_zero_variance_is_the_identity_bit_for_bit():
+    texels = ball(64)
+    values = lit(texels)
+    assert torch.equal(diffuse_uv(values, texels, LADDER)[0], values)
+
+
+def test_constant_light_stays_constant_up_to_the_chart_edges_and_in_the_gutter():
+    texels = ball(128)
+    values = torch.full((len(texels), 3), 0.7)
+    # measured 1.2e-7
+    torch.testing.assert_close(
+        diffuse_uv(values, texels, LADDER), values.expand(len(LADDER), -1, -1), rtol=1e-5, atol=0
+    )
+
+
+@pytest.mark.parametrize("size", [64, 256])
+def test_diffusion_keeps_the_energy_of_a_closed_surface(size: int):
+    texels = ball(size)
+    values, area = lit(texels), texels.area[:, None]
+    after, before = (diffuse_uv(values, texels, LADDER) * area).sum(1), (values * area).sum(0)
+    # measured .06 %
+    torch.testing.assert_close(after, before.expand_as(after), rtol=0.005, atol=0)
+
+
+def test_every_pass_is_its_own_adjoint():
+    """⟨S v, w⟩ = ⟨v, S w⟩ for the symmetric kernel between texels."""
+    generator = torch.Generator().manual_seed(0)
+    v, w = torch.rand(2, 2, 20, 30, generator=generator, dtype=torch.float64)
+    beta = torch.rand(20, 30, generator=generator, dtype=torch.float64) + 0.05
+    for axis in (0, 1):
+        left = (spread(v, beta, 9, axis) * w).sum()
+        torch.testing.assert_close(left, (v * spread(w, beta, 9, axis)).sum())
+
+
+def test_gradients_are_those_of_finite_differences():
+    texels = square(5, 4.0, uv=torch.tensor([[0, 0], [0.9, 0], [0.9, 0.6], [0, 0.6]]), dtype=torch.float64)
+    values = torch.rand(len(texels), 1, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    ladder = torch.tensor([0.5], dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda x: diffuse_uv(x, texels, ladder), values.requires_grad_())
+
+
+def test_diffusion_is_linear_and_keeps_the_order_of_the_ladder():
+    texels = ball(48)
+    a, b = lit(texels), lit(texels).flip(1)
+    together = diffuse_uv(2 * a - 3 * b, texels, LADDER.flip(0))
+    apart = 2 * diffuse_uv(a, texels, LADDER) - 3 * diffuse_uv(b, texels, LADDER)
+    torch.testing.assert_close(together, apart.flip(0), rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("variance", [0.01, 0.2, 0.6, 3.0, 20.0])
+def test_a_truncated_sampled_kernel_has_the_variance_asked_for(variance: float):
+    reach = math.ceil(3.7 * math.sqrt(variance))
+    beta = float(sharpness(torch.full((1, 1), variance, dtype=torch.float64), reach))
+    steps = torch.arange(-reach, reach + 1, dtype=torch.float64)
+    weight = torch.exp(-beta * steps**2)
+    # linear interpolation in a table; measured 2e-6 but 6e-5 at .01
+    assert float((weight * steps**2).sum() / weight.sum()) == pytest.approx(variance, rel=2e-4)
+
+
+def test_odd_sizes_and_tiny_atlases_stay_finite():
+    for size in (1, 2, 7, 33):
+        texels = square(size, 50.0)
+        values = torch.rand(len(texels), 3, generator=torch.Generator().manual_seed(size))
+        blurred = diffuse_uv(values, texels, torch.tensor([1e-9, 1.0, 1e3, 1e8]))
+        assert torch.isfinite(blurred).all()
+        assert (blurred.amin(1) >= values.amin(0) - 1e-5).all()
+        assert (blurred.amax(1) <= values.amax(0) + 1e-5).all()
+
+
+def test_bad_variances_and_cancelling_are_said():
+    texels = square(4, 1.0)
+    values = torch.ones(len(texels), 3)
+    with pytest.raises(DomainError, match="variances of 0 or more"):
+        diffuse_uv(values, texels, torch.tensor([-1.0]))
+    with pytest.raises(Cancelled):
+        diffuse_uv(values, texels, torch.tensor([1.0]), cancel=lambda: True)

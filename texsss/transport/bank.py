@@ -1,0 +1,152 @@
+"""The bank: one blurred copy of the lightmap per Gaussian, weighted per texel by the material."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from texsss.errors import DomainError, ShapeError
+from texsss.profiles.weights import Weights
+from texsss.surface.points import TexelMaps
+from texsss.transport.uv import diffuse_uv
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
+
+RULES = ("exit", "entry", "geometric-mean")
+CHUNK = 1 << 14  # texels weighted at once: temporaries stay in cache
+TINY = 1e-12  # added under roots, whose slope at 0 is infinite
+
+Diffusion = Callable[[Float[Tensor, "P C"], Float[Tensor, " K"]], Float[Tensor, "K P C"]]
+"""Values [any] at the texels and variances [mm²] to one blurred copy per variance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """A lightmap convolved with K unit Gaussians on the surface.
+
+    `variances` (K,) [mm²]; `irradiance` (P, C): the lightmap; `values` (K, P, C): its blurred copies [W/m²].
+    Raises ShapeError: when there is not one copy per variance.
+    """
+
+    variances: Float[Tensor, " K"]
+    irradiance: Float[Tensor, "P C"]
+    values: Float[Tensor, "K P C"]
+
+    def __post_init__(self):
+        if self.variances.shape[0] != self.values.shape[0]:
+            raise ShapeError(
+                f"Bank: expected one blurred copy for each of {self.variances.shape[0]} variances, got "
+                f"{self.values.shape[0]}; build it by build_bank."
+            )
+
+
+def no_diffusion(values: Float[Tensor, "P C"], variances: Float[Tensor, " K"]) -> Float[Tensor, "K P C"]:
+    """`values` themselves for every variance, without a copy."""
+    return values.expand(len(variances), *values.shape)
+
+
+def diffusion(
+    texels: TexelMaps,
+    method: str = "uv",
+    *,
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> Diffusion:
+    """The function that convolves values at the texels with Gaussians, by name.
+
+    `method`: none (every copy is the lightmap), uv. Raises DomainError: for another name.
+    """
+    if method == "none":
+        return no_diffusion
+    if method == "uv":
+        return lambda values, variances: diffuse_uv(
+            values, texels, variances, progress=progress, cancel=cancel
+        )
+    raise DomainError(f"diffusion: expected none or uv, got {method!r}; choose one of them.")
+
+
+def build_bank(
+    irradiance: Float[Tensor, "P C"],
+    texels: TexelMaps,
+    variances: Float[Tensor, " K"],
+    *,
+    method: str = "uv",
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> Bank:
+    """The bank of a lightmap.
+
+    `irradiance` [W/m²]: at the texels, gutter included. `variances` [mm²]. `method` as in `diffusion`.
+    Differentiable in `irradiance`. Raises DomainError: for an unknown method; Cancelled.
+    """
+    blur = diffusion(texels, method, progress=progress, cancel=cancel)
+    return Bank(variances, irradiance, blur(irradiance, variances))
+
+
+def exitance(
+    bank: Bank,
+    weights: Weights,
+    rule: str = "exit",
+    *,
+    blur: Diffusion | None = None,
+    cancel: Cancel | None = None,
+) -> Float[Tensor, "P C"]:
+    """Exitance: the bank weighted per texel by the material [W/m²].
+
+    `rule` says where the profile is taken. exit: Σ_k w_k(x) (G(v_k) * E)(x), where light leaves; a change
+    of material costs no blur. entry: Σ_k G(v_k) * (w_k E), where it entered. geometric-mean:
+    Σ_k √w_k G(v_k) * (√w_k E), which is reciprocal; it takes negative weights as 0 and scales the others
+    to keep their sum. All are the same where the material is; the latter two blur K lightmaps with
+    `blur` (of `diffusion`) unless the material is uniform.
+    Differentiable in the bank and in the weights' table. Raises ShapeError: when weights and bank differ
+    in Gaussians or texels; DomainError: for an unknown rule, or one that lacks `blur`; Cancelled.
+    """
+    if rule not in RULES:
+        raise DomainError(f"exitance: expected a rule of {', '.join(RULES)}, got {rule!r}.")
+    _check(weights, bank)
+    table, row = weights.table, weights.row.long()
+    if rule == "exit" or table.shape[0] == 1:
+        return _weighted(bank.values, table, row)
+    if blur is None:
+        raise DomainError(
+            f"exitance: the rule {rule!r} blurs per material, got no blur; pass diffusion(texels)."
+        )
+    if rule == "geometric-mean":
+        positive = table.clamp_min(0)
+        table = (positive * _ratio(table.sum(1, keepdim=True), positive.sum(1, keepdim=True)) + TINY).sqrt()
+    total = torch.zeros_like(bank.irradiance)
+    for k in range(len(bank.variances)):
+        check_cancelled(cancel)
+        weight = table[:, k][row]
+        blurred = blur(weight * bank.irradiance, bank.variances[k : k + 1])[0]
+        total = total + (blurred * weight if rule == "geometric-mean" else blurred)
+    return total
+
+
+def _weighted(
+    values: Float[Tensor, "K P C"], table: Float[Tensor, "U K C"], row: Int[Tensor, " P"]
+) -> Float[Tensor, "P C"]:
+    """Σ_k table[row, k] × values[k], in chunks that stay in cache."""
+    parts = []
+    shared = table.transpose(0, 1).expand(-1, CHUNK, -1).contiguous() if table.shape[0] == 1 else None
+    for part in chunks(values.shape[1], CHUNK):
+        if shared is not None:
+            weight = shared[:, : part.stop - part.start]
+        else:  # whole rows of the table are gathered, then laid out like the copies
+            weight = table.index_select(0, row[part]).transpose(0, 1).contiguous()
+        parts.append((weight * values[:, part]).sum(0))
+    return torch.cat(parts) if parts else values.sum(0)
+
+
+def _ratio(above: Tensor, below: Tensor) -> Tensor:
+    """`above` / `below` for what is positive, else 0."""
+    sound = (above > 0) & (below > 0)
+    return torch.where(sound, above / torch.where(sound, below, 1), 0)
+
+
+def _check(weights: Weights, bank: Bank) -> None:
+    (copies, points), row = bank.values.shape[:2], weights.row
+    if weights.table.shape[1] != copies or row.shape[0] != points:
+        raise ShapeError(
+            f"exitance: expected weights of {copies} Gaussians at {points} texels, got "
+            f"{weights.table.shape[1]} at {row.shape[0]}; make both from one ladder and one atlas."
+        )
