@@ -109,7 +109,7 @@ class _Reader:
             return None
         if lacking:
             raise Fault(
-                f"{lacking:,} of {total:,} faces have no texture coordinates while others have",
+                f"{lacking:,} of {total:,} faces have no texture coordinates, others do",
                 "unwrap them too, or export without texture coordinates",
             )
         return np.concatenate(uv)

@@ -109,7 +109,7 @@ def _uv(places: np.ndarray, coordinates: list) -> np.ndarray | None:
         return None
     if lacking.any():
         raise Fault(
-            f"{np.count_nonzero(lacking):,} of {lacking.size:,} faces have no texture coordinates while others have",
+            f"{np.count_nonzero(lacking):,} of {lacking.size:,} faces have no texture coordinates, others do",
             "unwrap them too, or export without texture coordinates",
         )
     if places.max() >= len(coordinates):

@@ -156,10 +156,18 @@ def _finished(
             f"which makes the object {size[1]:.4g} mm tall",
         )
     mesh = Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), uv, name)
-    return mesh, MeshNotes(
-        kind, unit_mm, assumed, (float(size[0]), float(size[1]), float(size[2])), len(faces), len(vertices), dropped,
-        "none" if uv is None else "complete", tuple(notes),
-    )  # fmt: skip
+    notes_of_file = MeshNotes(
+        file_format=kind,
+        unit_mm=unit_mm,
+        unit_assumed=assumed,
+        size_mm=(float(size[0]), float(size[1]), float(size[2])),
+        faces=len(faces),
+        vertices=len(vertices),
+        faces_dropped=dropped,
+        uv="none" if uv is None else "complete",
+        messages=tuple(notes),
+    )
+    return mesh, notes_of_file
 
 
 def _assumed_unit(kind: MeshFormat, longest: float) -> float:

@@ -1,0 +1,47 @@
+"""Who borders whom: edges, charts, open and non-manifold places."""
+
+import numpy as np
+import torch
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from texsss.types import Float, Int, Tensor
+
+
+def uv_corners(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Int[Tensor, "F 3"]:
+    """A number for every corner, the same where vertex and uv are: the mesh as it lies in the atlas."""
+    flat = uv.detach().cpu().numpy().astype(np.float64).reshape(-1, 2) + 0.0
+    keys = np.stack([faces.detach().cpu().numpy().reshape(-1).astype(np.float64), flat[:, 0], flat[:, 1]], -1)
+    packed = np.ascontiguousarray(keys).view(np.dtype((np.void, 24)))[:, 0]
+    number = np.unique(packed, return_inverse=True)[1]
+    return torch.from_numpy(number.reshape(-1, 3)).to(faces.device)
+
+
+def edges(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "E 3 2"]:
+    """Directed edges (3F) of all faces as (start, stop), in the order of corners."""
+    return torch.stack([faces, faces.roll(-1, 1)], -1)
+
+
+def shared_edges(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "N 2"]:
+    """Pairs of faces that share an edge, whichever way it runs; a chain of pairs where more than two meet."""
+    both = edges(faces.long()).reshape(-1, 2)
+    low, high = both.amin(-1), both.amax(-1)
+    code, order = torch.sort(low * (int(faces.max()) + 1) + high, stable=True)
+    same = torch.nonzero(code[1:] == code[:-1])[:, 0]
+    owner = order // 3
+    return torch.stack([owner[same], owner[same + 1]], -1)
+
+
+def components(count: int, pairs: Int[Tensor, "N 2"]) -> Int[Tensor, " count"]:
+    """The number of the connected part, from 0 in order of its first member, of each of `count` things."""
+    pair = pairs.detach().cpu().numpy()
+    graph = coo_array((np.ones(len(pair), np.int8), (pair[:, 0], pair[:, 1])), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return torch.from_numpy(rank[label].astype(np.int64)).to(pairs.device)
+
+
+def charts(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Int[Tensor, " F"]:
+    """The chart of every face: faces belong together when they share an edge in uv."""
+    return components(faces.shape[0], shared_edges(uv_corners(faces, uv)))
