@@ -1,0 +1,54 @@
+"""The march's kernels under torch.compile, and what happens where there is no compiler."""
+
+import os
+import shutil
+import sysconfig
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import torch
+from platformdirs import user_cache_dir
+
+# gathers fuse with what uses them; texel indices are in range by construction
+OPTIONS = {"max_fusion_size": 512, "cpp.min_chunk_size": 4096, "assert_indirect_indexing": False}
+
+
+@cache
+def compiler_found() -> bool:
+    """Whether C++ can be compiled here: a compiler and Python's own headers."""
+    header = Path(sysconfig.get_path("include")) / "Python.h"
+    found = shutil.which(os.environ.get("CXX", "g++")) or shutil.which("clang++")
+    return bool(found) and header.is_file()
+
+
+@cache
+def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """`kernel`, compiled on its first call for each set of shapes; `kernel` itself, with one notice, without a compiler.
+
+    The result of compilation is kept on disk in the user's cache directory, unless
+    TORCHINDUCTOR_CACHE_DIR names another place.
+    """
+    if not compiler_found():
+        _notice("no C++ compiler or no Python.h was found")
+        return kernel
+    os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
+    fast = torch.compile(kernel, dynamic=False, fullgraph=True, options=OPTIONS)
+    state = {"call": fast}
+
+    def call(*args: Any) -> Any:
+        try:
+            return state["call"](*args)
+        except (torch._dynamo.exc.TorchDynamoException, torch._inductor.exc.InductorError) as error:
+            _notice(f"compilation failed ({type(error).__name__})")
+            state["call"] = kernel
+            return kernel(*args)
+
+    return call
+
+
+@cache
+def _notice(why: str) -> None:
+    warnings.warn(f"march: runs uncompiled, ten times slower, because {why}.", RuntimeWarning, stacklevel=3)

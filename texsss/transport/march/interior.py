@@ -1,0 +1,199 @@
+"""What lies beneath, as textures: depths of boundaries and the coefficients between them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from texsss.errors import DomainError, ShapeError
+from texsss.media.medium import Medium
+from texsss.media.stack import FAR_MM, Stack
+from texsss.surface.mesh import Mesh
+from texsss.types import Float, Tensor
+
+SLACK = 1e-6  # share of the deepest boundary by which channels may decrease: what 32 bits lose
+
+
+@dataclass(frozen=True, eq=False)
+class Interior:
+    """Layers beneath a textured surface.
+
+    `depth` (H, W, B): depth of B boundaries below the surface [mm], none above the one before it;
+    it tiles. `sigma_s`, `sigma_t` [1/mm] (L, C) or maps (H, W, L, C), `g` (L, C) or (H, W, L, C):
+    of the L layers. L = B + 1 when the last layer is infinite, else L = B and nothing scatters below
+    the last boundary. `eta` = inside / outside. Make one with `from_stack` or `from_depths`.
+    """
+
+    depth: Float[Tensor, "H W B"]
+    sigma_s: Float[Tensor, "..."]
+    sigma_t: Float[Tensor, "..."]
+    g: Float[Tensor, "..."]
+    eta: float
+
+    @property
+    def layers(self) -> int:
+        return self.sigma_s.shape[-2]
+
+    @property
+    def bottomless(self) -> bool:
+        """Whether the last layer is infinite."""
+        return self.layers > self.depth.shape[-1]
+
+    @property
+    def varies(self) -> bool:
+        """Whether coefficients differ from texel to texel."""
+        return any(x.ndim > 2 for x in (self.sigma_s, self.sigma_t, self.g))
+
+    @property
+    def requires_grad(self) -> bool:
+        return any(x.requires_grad for x in (self.depth, self.sigma_s, self.sigma_t, self.g))
+
+    def to(self, other: Tensor) -> "Interior":
+        """The same in the dtype and on the device of `other`."""
+        fields = (x.to(other) for x in (self.depth, self.sigma_s, self.sigma_t, self.g))
+        return Interior(*fields, eta=self.eta)
+
+
+def from_stack(stack: Stack) -> Interior:
+    """The layers of a stack; maps of different sizes are brought to the largest.
+
+    Each layer is as thick in all channels. Only the outermost refractive index counts: rays are not
+    bent between layers. Differentiable in maps and coefficients.
+    Raises ShapeError: when a thickness differs between channels.
+    """
+    for i, layer in enumerate(stack.layers):
+        d = layer.thickness
+        if d is not None and d.shape[-1] > 1 and bool((d.detach() != d.detach()[..., :1]).any()):
+            raise ShapeError(
+                f"march: expected one thickness for all channels of layer {i}, got different ones; "
+                "boundaries cannot depend on colour."
+            )
+    sizes = [
+        x.shape[:2]
+        for layer in stack.layers
+        for x in (layer.medium.sigma_a, layer.medium.sigma_s, layer.medium.g, layer.thickness)
+        if x is not None and x.ndim == 3
+    ]
+    height, width = (max(s) for s in zip(*sizes)) if sizes else (1, 1)
+    if len(set(sizes)) <= 1:
+        table = stack.table()
+    else:
+        home = stack.layers[0].medium.sigma_a
+        v, u = ((torch.arange(n, dtype=home.dtype, device=home.device) + 0.5) / n for n in (height, width))
+        table = stack.at(torch.stack([u.repeat(height), v.repeat_interleave(width)], -1))
+    count = len(stack.layers)
+    finite = count - 1 if table.bottomless else count
+    thickness = table.thickness[..., :finite, 0].expand(*table.thickness.shape[:-2], finite)
+    depth = thickness.clamp(max=FAR_MM).cumsum(-1).reshape(-1, finite).expand(height * width, finite)
+
+    def field(x: Tensor, given: Sequence[Tensor]) -> Tensor:
+        if any(y.ndim == 3 for y in given):
+            return x.reshape(height, width, *x.shape[-2:])
+        return x.reshape(-1, *x.shape[-2:])[0]
+
+    media = [layer.medium for layer in stack.layers]
+    scattering = field(table.sigma_s, [m.sigma_s for m in media])
+    absorption = field(table.sigma_a, [m.sigma_a for m in media])
+    g = field(table.g, [m.g for m in media])
+    return Interior(depth.reshape(height, width, finite), scattering, scattering + absorption, g, stack.eta)
+
+
+def from_depths(
+    textures: Float[Tensor, "H W K"] | Sequence[Float[Tensor, "H W K"]],
+    media: Sequence[Medium],
+    *,
+    scale_mm: float = 1.0,
+    invert: bool = False,
+    most_mm: float | Sequence[float] | None = None,
+    sort: bool = False,
+) -> Interior:
+    """The layers that depth textures draw: channel i holds the depth of the lower boundary of layer i.
+
+    `textures`: images (H, W, up to 4) with values in 0..1, as many as there are boundaries for, one
+    after the other; a lone RGB image is three layers. `scale_mm` [mm] is the depth of 1. `invert`
+    reads bright as shallow, as artists paint. `most_mm` [mm] clamps depths, one number or one per
+    channel. `media`: one per channel, or one more for an infinite layer below.
+    Differentiable in textures and coefficients.
+    Raises ShapeError: when textures differ in size or media and channels in number. Raises
+    DomainError: when a channel lies above the one before it (`sort` puts them in order instead), or
+    depths are negative or not finite.
+    Source: François et al. 2006, section 2.1.
+    """
+    images = [textures] if isinstance(textures, Tensor) else list(textures)
+    sizes = sorted({tuple(t.shape[:2]) for t in images})
+    if len(sizes) != 1:
+        raise ShapeError(
+            f"depth textures: expected one or more of one size, got {sizes or 'none'}; resize them to the largest."
+        )
+    raw = torch.cat(images, -1)
+    channels = raw.shape[-1]
+    if len(media) not in (channels, channels + 1):
+        raise ShapeError(
+            f"depth textures: expected {channels} media for {channels} channels, or one more for an infinite layer "
+            f"below, got {len(media)}; drop the alpha channel of an image whose alpha is no depth."
+        )
+    seen = raw.detach()
+    if not bool(torch.isfinite(seen).all()) or float(seen.amin()) < 0 or not 0 < scale_mm < math.inf:
+        raise DomainError(
+            "depth textures: expected finite values >= 0 and a scale above 0, got "
+            f"{float(seen.amin()):g}..{float(seen.amax()):g} and {scale_mm:g} mm; clean or clamp them."
+        )
+    if invert and float(seen.amax()) > 1:
+        raise DomainError(
+            f"depth textures: expected values in 0..1 to invert, got up to {float(seen.amax()):g}; scale them first."
+        )
+    depth = (1 - raw if invert else raw) * scale_mm
+    if most_mm is not None:
+        depth = torch.minimum(depth, torch.as_tensor(most_mm, dtype=depth.dtype, device=depth.device))
+    depth = depth.clamp(max=FAR_MM)
+    _check_order(depth, sort)
+    depth = depth.sort(-1).values if sort else depth.cummax(-1).values
+    eta = {m.eta for m in media}
+    if len(eta) > 1:
+        raise DomainError(
+            f"depth textures: expected media of one refractive index, got {sorted(eta)}; rays are not bent within."
+        )
+    wide = max(m.channels for m in media)
+    fields = [[x.expand(*x.shape[:-1], wide) for x in (m.sigma_s, m.sigma_t, m.g)] for m in media]
+    size = (*raw.shape[:2], wide)
+    stacked = []
+    for values in zip(*fields):
+        if any(v.ndim == 3 and v.shape[:2] != raw.shape[:2] for v in values):
+            raise ShapeError(
+                f"depth textures: expected coefficient maps of their size {tuple(raw.shape[:2])}, got others; resize them."
+            )
+        mapped = any(v.ndim == 3 for v in values)
+        stacked.append(torch.stack([v.expand(size) if mapped else v for v in values], -2))
+    return Interior(depth, *stacked, eta=eta.pop())
+
+
+def check_uv(mesh: Mesh, uv: Float[Tensor, "F 3 2"] | None, interior: Interior) -> Float[Tensor, "F 3 2"]:
+    """Texture coordinates for the maps: the given ones, the mesh's own, or none needed.
+
+    Raises DomainError: when there are maps but no coordinates.
+    """
+    found = mesh.source_uv if uv is None else uv
+    if found is not None:
+        return found
+    if interior.depth[..., 0].numel() > 1 or interior.varies:
+        raise DomainError(
+            f"march: expected texture coordinates for the maps, got none with {mesh.name}; pass uv=atlas.uv."
+        )
+    return mesh.vertices.new_zeros(mesh.faces.shape[0], 3, 2)
+
+
+def _check_order(depth: Float[Tensor, "H W B"], sort: bool) -> None:
+    """Raises DomainError, naming the channels, unless depths rise from channel to channel."""
+    seen = depth.detach()
+    slack = SLACK * float(seen.amax())
+    for i in range(0 if sort else seen.shape[-1] - 1):
+        above = seen[..., i] - seen[..., i + 1] > slack
+        if bool(above.any()):
+            where = above.nonzero()[0].tolist()
+            raise DomainError(
+                f"depth textures: expected channel {i + 1} to lie below channel {i}, got {float(seen[*where, i + 1]):g} mm "
+                f"under {float(seen[*where, i]):g} mm at texel {tuple(where)} and {int(above.sum()) - 1} others; "
+                "pass sort=True to put them in order, or check which end of the grey scale is deep (invert). "
+                "Boundaries that fold over themselves are not supported: a layer has one depth per texel."
+            )

@@ -1,0 +1,218 @@
+"""Single scattering in layers of varying thickness, seen from an eye: at texels or at camera hits."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Literal
+
+import torch
+from torch.quasirandom import SobolEngine
+
+from texsss.errors import DomainError, ShapeError
+from texsss.light.emitters import Light, LightSamples
+from texsss.light.irradiance import smooth_origin
+from texsss.light.visibility import Occluder
+from texsss.media.stack import Stack
+from texsss.surface.mesh import Mesh
+from texsss.surface.points import Points
+from texsss.transport.march.compiled import compiled as compiled_kernel
+from texsss.transport.march.interior import Interior, check_uv, from_stack
+from texsss.transport.march.kernel import look_up
+from texsss.transport.march.noise import Noise, draw
+from texsss.transport.march.planes import Planes, fit_planes, plane_radius, tangent_planes
+from texsss.transport.march.samples import sample_step
+from texsss.transport.march.segments import exact_start, exact_step, tail
+from texsss.transport.march.setup import Reach, Sites, Surface, knots, light_scalars, reach, view_rays
+from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
+
+CHUNK = 1 << 16  # points at a time, eager
+COMPILED_CHUNK = 1 << 15  # what stays in cache beside the maps
+MOST_SAMPLES = 10_000
+
+Method = Literal["exact", "uniform"]
+Phase = Literal["henyey-greenstein", "schlick"]
+
+
+def march(
+    points: Points,
+    mesh: Mesh,
+    planes: Planes | None,
+    layers: Stack | Interior,
+    lights: list[Light] | tuple[Light, ...],
+    view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
+    *,
+    uv: Float[Tensor, "F 3 2"] | None = None,
+    method: Method = "exact",
+    samples: int = 4,
+    phase: Phase = "henyey-greenstein",
+    occluder: Occluder | None = None,
+    noise: Noise | None = None,
+    environment_samples: int = 16,
+    area_samples: int = 4,
+    seed: int = 0,
+    compiled: bool = False,
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> Float[Tensor, "P C"]:
+    """Radiance that leaves towards the eye after one scattering [W/(m² sr)], linear RGB.
+
+    `points`: texels or camera hits, alike. `planes`: what the surface looks like from within; fitted
+    here when None. `layers`: a stack, or depth textures made into an `Interior`. `view`: unit
+    directions from the points to the eye (P, 3), or the position of one eye (3,) [mm]; what faces
+    away from it gets 0. `uv`: texture coordinates of the maps, the mesh's own when None.
+    `method`: `exact` integrates straight pieces of layers over `samples` steps; `uniform` adds up
+    `samples` points. `phase`: for Schlick's, the media's g is his k. `occluder` shadows the point and
+    the place where light enters. Lights that are not points are sampled `environment_samples` or
+    `area_samples` times. `compiled`: under torch.compile, in float32 and without gradients; the first
+    call takes seconds.
+    Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
+    one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
+    Raises ShapeError, DomainError: when inputs do not fit. Raises Cancelled.
+    Source: François et al. 2006 with the corrections of Norberg 2010; exact segments are ours.
+    """
+    interior = layers if isinstance(layers, Interior) else from_stack(layers)
+    interior = interior.to(mesh.vertices)
+    _check(points, method, samples, phase, view, environment_samples, area_samples)
+    channels = interior.sigma_t.shape[-1]
+    if len(points) == 0:
+        return mesh.vertices.new_zeros(0, max(3, channels))
+    planes = planes or _planes(mesh, interior)
+    surface = Surface(mesh, planes, check_uv(mesh, uv, interior))
+    if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
+        compiled = False
+    gather = _Gather(interior, method, samples, phase, compiled)
+    generator = torch.Generator().manual_seed(seed)
+    rows = chunks(len(points), COMPILED_CHUNK if compiled else CHUNK)
+    parts = []
+    for k, row in enumerate(rows):
+        check_cancelled(cancel)
+        here = points[row]
+        sites = surface.at(here)
+        towards = unit(view - sites.position) if view.ndim == 1 else view[row].to(sites.position)
+        jitter = None if noise is None else draw(noise, sites.uv, generator)
+        rays = view_rays(sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2])
+        origin = None if occluder is None else smooth_origin(here, mesh)
+        total = torch.zeros_like(sites.position)
+        for number, light in enumerate(lights):
+            count = 1 if light.is_delta else environment_samples if light.is_environment else area_samples
+            for square in _squares(count, len(here), seed + number, generator):
+                check_cancelled(cancel)
+                seen = light.sample(sites.position, sites.normal, square.to(sites.position))
+                scalars = light_scalars(sites, rays, seen, interior.eta, gather.size, occluder, origin)
+                gained = gather(rays.scalars, scalars, None if jitter is None else jitter[:, 2])
+                total = total + gained * scalars[8:].T / count
+        parts.append(total * rays.leaves[:, None])
+        if progress is not None:
+            progress("march", (k + 1) / len(rows))
+    return torch.cat(parts)
+
+
+class _Gather:
+    """The part of the march that depends on rays and light alone, for one interior."""
+
+    def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, fast: bool):
+        self.interior, self.method, self.samples, self.phase, self.fast = interior, method, samples, phase, fast
+        self.far: Reach = reach(interior)
+        self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
+        home = interior.sigma_t
+        self._size = [home.new_tensor(float(n)) for n in self.size]
+        self._planes = [d.reshape(-1).contiguous() for d in interior.depth.unbind(-1)]
+        g = interior.g
+        # one value for all channels is looked at once
+        self._g = g[..., :1] if g.shape[-1] > 1 and bool((g.detach() == g.detach()[..., :1]).all()) else g
+        self._run: Callable[[Any], Any] = compiled_kernel if fast else (lambda kernel: kernel)
+
+    def __call__(self, ray: Tensor, light: Tensor, jitter: Tensor | None) -> Float[Tensor, "P C"]:
+        """Radiance inside per unit of irradiance that enters [1/sr]."""
+        count = ray.shape[1]
+        if self.fast and count < COMPILED_CHUNK:
+            # one shape, one compilation
+            missing = COMPILED_CHUNK - count
+            ray, light = (torch.cat([x, x[:, -1:].expand(-1, missing)], 1) for x in (ray, light))
+            jitter = None if jitter is None else torch.nn.functional.pad(jitter, (0, missing))
+        ray, light = ray.contiguous(), light[:8].contiguous()
+        if self.method == "exact":
+            total, optical = self._exact(ray, light)
+        else:
+            total, optical = self._uniform(ray, light, jitter)
+        if self.interior.bottomless:
+            maps = self._coefficients(ray, ray[4])
+            total = self._run(tail)(ray, light, self._planes, self._size, *maps, optical, total, self.phase)
+        return torch.stack(total, -1)[:count]
+
+    def _exact(self, ray: Tensor, light: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        steps = knots(ray[4], self.samples, self.far.rate) * ray[4]
+        total = optical = [torch.zeros_like(ray[0])] * self.interior.sigma_t.shape[-1]
+        start = self._coefficients(ray, steps[0])
+        state = self._run(exact_start)(ray, light, self._planes, self._size, start[2], self.phase)
+        for k in range(self.samples):
+            end = self._coefficients(ray, steps[k + 1])
+            s, t, _ = (0.5 * (a + b) for a, b in zip(start, end))
+            args = (s, t, end[2], steps[k], steps[k + 1], state, optical, total, self.phase)
+            state, optical, total = self._run(exact_step)(ray, light, self._planes, self._size, *args)
+            start = end
+        return total, optical
+
+    def _uniform(self, ray: Tensor, light: Tensor, jitter: Tensor | None) -> tuple[list[Tensor], list[Tensor]]:
+        step = ray[4] / self.samples
+        total = optical = [torch.zeros_like(ray[0])] * self.interior.sigma_t.shape[-1]
+        run = self._run(sample_step)
+        for k in range(self.samples):
+            t = step * k if jitter is None else (step * (k + jitter)).clamp_min(0)
+            args = (*self._coefficients(ray, t), t, step, optical, total, self.phase)
+            optical, total = run(ray, light, self._planes, self._size, *args)
+        return total, optical
+
+    def _coefficients(self, ray: Tensor, t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """σs, σt and g, (L, C) or, where they are maps, (L, C, P) under M(t)."""
+        fields = (self.interior.sigma_s, self.interior.sigma_t, self._g)
+        found = []
+        for field in fields:
+            if field.ndim == 2:
+                found.append(field)
+                continue
+            maps = field.flatten(0, 1).flatten(1).unbind(-1)
+            values = look_up(maps, self._size, ray[0] + t * ray[2], ray[1] + t * ray[3])
+            found.append(torch.stack(values).reshape(*field.shape[-2:], -1))
+        s, e, g = found
+        return s, e, g
+
+
+def _planes(mesh: Mesh, interior: Interior) -> Planes:
+    """Planes at the radius that the first layer asks for; tangent planes where it is clear."""
+    sigma_t = interior.sigma_t.detach()[..., 0, :]
+    least = float(sigma_t.amin())
+    return fit_planes(mesh, plane_radius(least)) if least > 0 else tangent_planes(mesh)
+
+
+def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> Iterator[Tensor]:
+    """`count` samples per point in the unit square, one good set shifted from point to point."""
+    if count == 1:
+        yield torch.full((points, 2), 0.5)
+        return
+    shift = torch.rand(points, 2, generator=generator)
+    for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
+        yield torch.frac(common + shift)
+
+
+def _bright(lights: list[Light] | tuple[Light, ...]) -> bool:
+    """Whether a light asks for gradients."""
+    return any(x.requires_grad for light in lights for x in vars(light).values() if isinstance(x, Tensor))
+
+
+def _check(
+    points: Points, method: str, samples: int, phase: str, view: Tensor, environment_samples: int, area_samples: int
+) -> None:
+    """Raises DomainError or ShapeError for what cannot be marched."""
+    if method not in ("exact", "uniform"):
+        raise DomainError(f"march: expected method 'exact' or 'uniform', got {method!r}.")
+    if phase not in ("henyey-greenstein", "schlick"):
+        raise DomainError(f"march: expected phase 'henyey-greenstein' or 'schlick', got {phase!r}.")
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise DomainError(f"march: expected 1 to {MOST_SAMPLES} samples, got {samples}; 4 exact ones are plenty.")
+    if min(environment_samples, area_samples) < 1:
+        raise DomainError(
+            f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}."
+        )
+    if view.ndim == 2 and view.shape[0] != len(points):
+        raise ShapeError(f"march: expected a view direction per point, got {view.shape[0]} for {len(points)} points.")
+    if not bool(torch.isfinite(view).all()):
+        raise DomainError("march: expected a finite eye or view directions, got NaN or infinity.")
