@@ -1,0 +1,239 @@
+"""Images: every encoding reads to the same values, and damage gets one sentence."""
+
+import io
+import struct
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
+
+from texsss.errors import AssetError, DomainError, ShapeError
+from texsss.io.images import encode_png, read_image, write_png
+
+RAMP = (np.indices((16, 24)).sum(0) * 6).astype(np.uint8)
+COLOURS = np.dstack([RAMP, RAMP[::-1], RAMP[:, ::-1]])
+
+
+def saved(picture: Image.Image, kind: str, **options) -> bytes:
+    buffer = io.BytesIO()
+    picture.save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+@given(
+    arrays(
+        np.float32,
+        st.tuples(st.integers(1, 9), st.integers(1, 9), st.sampled_from([1, 3, 4])),
+        elements=st.floats(0, 1, width=32),
+    ),
+    st.sampled_from([8, 16]),
+)
+@settings(max_examples=40, deadline=None)
+def test_png_round_trip(values, bits):
+    """Half a level of rounding, no more; pillow agrees with our reading."""
+    image = torch.from_numpy(values)
+    data = encode_png(image, bits)
+    channel = {1: "r", 3: "rgb", 4: "rgba"}[image.shape[2]]
+    back = read_image(data, "linear", channel)
+    assert float((back - image).abs().max()) <= 0.5 / (2**bits - 1) + 1e-6
+    assert np.asarray(Image.open(io.BytesIO(data))).shape[:2] == image.shape[:2]
+
+
+def test_write_png_is_whole_or_nothing(tmp_path):
+    path = tmp_path / "a.png"
+    write_png(path, torch.rand(4, 5, 3), bits=16)
+    assert read_image(path).shape == (4, 5, 3)
+    with pytest.raises(AssetError, match="folder"):
+        write_png(tmp_path / "no" / "a.png", torch.rand(4, 5, 3))
+    with pytest.raises(ShapeError, match="channels"):
+        write_png(path, torch.rand(4, 5, 2))
+    with pytest.raises(DomainError, match="bits"):
+        write_png(path, torch.rand(4, 5, 3), bits=12)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_srgb_is_decoded_exactly_and_data_is_not():
+    data = saved(Image.fromarray(np.array([[[0, 10, 188]]], np.uint8)), "PNG")
+    light = read_image(data)[0, 0].tolist()
+    assert light == pytest.approx([0, 10 / 255 / 12.92, ((188 / 255 + 0.055) / 1.055) ** 2.4], rel=1e-6)
+    assert read_image(data, "linear")[0, 0].tolist() == pytest.approx([0, 10 / 255, 188 / 255])
+
+
+@pytest.mark.parametrize(
+    "kind,options",
+    [("PNG", {}), ("WEBP", {"lossless": True}), ("TIFF", {}), ("TIFF", {"compression": "tiff_lzw"})],
+)
+def test_lossless_formats_agree(kind, options):
+    expected = torch.from_numpy(COLOURS.astype(np.float32) / 255)
+    torch.testing.assert_close(
+        read_image(saved(Image.fromarray(COLOURS), kind, **options), "linear"), expected
+    )
+
+
+def test_jpeg_and_cmyk_are_near():
+    expected = torch.from_numpy(COLOURS.astype(np.float32) / 255)
+    for picture in (Image.fromarray(COLOURS), Image.fromarray(COLOURS).convert("CMYK")):
+        read = read_image(saved(picture, "JPEG", quality=95, subsampling=0), "linear")
+        assert float((read - expected).abs().max()) < 0.04  # measured .02
+
+
+def test_rotation_by_exif():
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90° to the right
+    data = saved(Image.fromarray(COLOURS), "JPEG", exif=exif, quality=95, subsampling=0)
+    expected = torch.from_numpy(np.rot90(COLOURS, -1).astype(np.float32) / 255)
+    assert float((read_image(data, "linear") - expected).abs().max()) < 0.04
+
+
+def test_grey_palette_bilevel_and_alpha():
+    grey = torch.from_numpy(RAMP.astype(np.float32) / 255)[..., None]
+    torch.testing.assert_close(
+        read_image(saved(Image.fromarray(RAMP), "PNG"), "linear"), grey.expand(-1, -1, 3)
+    )
+    deep = saved(Image.fromarray(RAMP.astype(np.uint16) * 257), "PNG")
+    torch.testing.assert_close(read_image(deep, "linear", "r"), grey)
+    assert read_image(saved(Image.fromarray(RAMP > 40), "PNG")).unique().tolist() == [0.0, 1.0]
+    palette = saved(Image.fromarray(COLOURS).quantize(8), "PNG", transparency=0)
+    assert read_image(palette, "srgb", "rgba").shape == (16, 24, 4)
+    assert read_image(palette, "srgb", "a").unique().tolist() == [0.0, 1.0]
+    both = np.dstack([RAMP, 255 - RAMP])
+    torch.testing.assert_close(read_image(saved(Image.fromarray(both), "PNG"), "srgb", "a"), 1 - grey)
+
+
+def test_colour_under_zero_alpha_is_kept():
+    """Depth maps hold four layers: nothing may be premultiplied."""
+    four = np.dstack([COLOURS, np.zeros_like(RAMP)])
+    read = read_image(saved(Image.fromarray(four), "PNG"), "linear", "rgba")
+    torch.testing.assert_close(read, torch.from_numpy(four.astype(np.float32) / 255))
+
+
+def test_channels():
+    data = saved(Image.fromarray(COLOURS), "PNG")
+    whole = read_image(data, "linear")
+    for k, name in enumerate("rgb"):
+        assert torch.equal(read_image(data, "linear", name), whole[..., k, None])
+    assert bool((read_image(data, "linear", "a") == 1).all())
+    luminance = whole @ torch.tensor([[0.2126], [0.7152], [0.0722]])
+    torch.testing.assert_close(read_image(data, "linear", "luminance"), luminance)
+
+
+def test_sixteen_bits_of_rgb_survive():
+    levels = torch.arange(16 * 24 * 3).reshape(16, 24, 3) * 50
+    data = encode_png(levels / 65535, 16)
+    assert torch.equal((read_image(data, "linear") * 65535).round().long(), levels)
+
+
+def test_float_tiff_is_light_as_it_is():
+    values = np.linspace(0, 7, 12, dtype=np.float32).reshape(3, 4)
+    read = read_image(saved(Image.fromarray(values), "TIFF"), "srgb", "r")
+    assert torch.equal(read[..., 0], torch.from_numpy(values))
+
+
+def rgbe(rows: list[bytes], size: bytes = b"-Y 2 +X 9") -> bytes:
+    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n\n" + size + b"\n" + b"".join(rows)
+
+
+def test_radiance_pictures():
+    """The same two rows flat, with old runs and with new ones."""
+    a, b = bytes([128, 64, 32, 129]), bytes([10, 20, 30, 128])
+    flat = rgbe([a * 9, b * 9])
+    old = rgbe([a + bytes([1, 1, 1, 8]), b + bytes([1, 1, 1, 8])])
+    new = rgbe([b"\2\2\0\x09" + b"".join(bytes([128 + 5, c, 4, c, c, c, c]) for c in p) for p in (a, b)])
+    expected = torch.tensor([[128.5, 64.5, 32.5], [5.25, 10.25, 15.25]])[:, None].expand(2, 9, 3) / 128 / 2
+    for data in (flat, old, new):
+        torch.testing.assert_close(read_image(data), expected)
+    turned = read_image(rgbe([a * 9, b * 9], b"+Y 2 +X 9"))
+    torch.testing.assert_close(turned, expected.flip(0))
+    for data in (
+        flat[:-1],
+        new[:-3],
+        flat.replace(b"-Y 2", b"-Y 3"),
+        rgbe([], b"+X 2 +Y 9"),
+        b"#?RADIANCE\n",
+    ):
+        with pytest.raises(AssetError):
+            read_image(data)
+    with pytest.raises(AssetError, match="at most"):
+        read_image(rgbe([], b"-Y 99999 +X 99999"))
+
+
+def lying_png(width: int, height: int) -> bytes:
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 64))
+        + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize(
+    "data,words",
+    [
+        (lying_png(20000, 20000), "at most"),
+        (lying_png(9000, 9000), "at most"),
+        (lying_png(100, 100), "damaged"),
+        (encode_png(torch.rand(9, 9, 3), 16)[:-40], "damaged"),
+        (saved(Image.fromarray(COLOURS), "JPEG")[:300], "damaged"),
+        (saved(Image.fromarray(COLOURS), "GIF"), "PNG, JPEG"),
+        (b"GLORIA", "PNG, JPEG"),
+    ],
+)
+def test_damage_gets_one_sentence(data, words):
+    with pytest.raises(AssetError, match=words) as caught:
+        read_image(data, name="map.png")
+    assert str(caught.value).startswith("map.png: expected") and "\n" not in str(caught.value)
+
+
+def test_missing_files_and_bad_choices(tmp_path):
+    with pytest.raises(AssetError, match="No such file"):
+        read_image(tmp_path / "none.png")
+    (tmp_path / "empty.png").touch()
+    with pytest.raises(AssetError, match="empty"):
+        read_image(tmp_path / "empty.png")
+    with pytest.raises(AssetError, match="directory"):
+        read_image(tmp_path)
+    with pytest.raises(DomainError, match="srgb, linear"):
+        read_image(b"", "rec709")
+    with pytest.raises(DomainError, match="luminance"):
+        read_image(b"", "srgb", "red")
+
+
+REFUSED = {
+    "animated.gif",
+    "float32_nan_inf_negative.tiff",
+    "png_bomb_20000x20000_1bit.png",
+    "png_claims_2e9x2e9.png",
+    "png_zero_size.png",
+    "text_named.png",
+    "truncated.jpg",
+    "truncated.png",
+    "zero_bytes.png",
+}
+
+
+def test_nasty_textures(shared_data, tmp_path):
+    """Each is read right or refused in a sentence that names it."""
+    script = shared_data / "make_nasty.py"
+    subprocess.run([sys.executable, str(script), str(tmp_path)], check=True, capture_output=True)
+    refused = set()
+    files = sorted((tmp_path / "tex").iterdir())
+    assert len(files) >= 26
+    for file in files:
+        try:
+            image = read_image(file)
+            assert bool(torch.isfinite(image).all()) and image.shape[-1] == 3
+        except AssetError as error:
+            assert file.name in str(error) and "\n" not in str(error) and str(error).endswith(".")
+            refused.add(file.name)
+    assert refused == REFUSED

@@ -1,0 +1,114 @@
+"""Radiance HDR (.hdr, .pic) images, as environment maps often come."""
+
+import re
+
+import numpy as np
+import torch
+
+from texsss.errors import AssetError
+from texsss.types import Float, Tensor
+
+MAGIC = b"#?"
+_SIZE = re.compile(rb"([-+])Y (\d{1,9}) ([-+])X (\d{1,9})$")
+
+
+def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[Tensor, "H W 3"]:
+    """Linear values of a Radiance picture, top row first.
+
+    Flat and run-length encoded pixels, both generations of the latter; EXPOSURE is divided out.
+    Raises AssetError: when it is damaged, rotated, not RGBE or has more than `max_pixels`.
+    Source: Ward, "Real Pixels", Graphics Gems II; Radiance's color.c.
+    """
+    header, start = _header(data, name)
+    size = _SIZE.match(header[-1])
+    if size is None:
+        raise AssetError(
+            f"{name}: expected rows along X, got {header[-1][:40]!r}; rotate and export it again."
+        )
+    down, height, right, width = size[1] == b"-", int(size[2]), size[3] == b"+", int(size[4])
+    if not 0 < width * height <= max_pixels:
+        raise AssetError(
+            f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down."
+        )
+    if any(line.startswith(b"FORMAT=") and line != b"FORMAT=32-bit_rle_rgbe" for line in header):
+        raise AssetError(f"{name}: expected RGBE colours, got another FORMAT; export it again.")
+    exposure = 1.0
+    for line in header:
+        if found := re.fullmatch(rb"EXPOSURE=\s*([0-9.eE+-]+)\s*", line):
+            exposure *= float(found[1])
+    try:
+        rgbe = _pixels(data, start, height, width)
+    except (IndexError, ValueError) as error:
+        raise AssetError(
+            f"{name}: expected {width} × {height} pixels, got fewer; download it again."
+        ) from error
+    scale = np.ldexp(1.0, rgbe[..., 3].astype(np.int32) - (128 + 8))
+    scale = np.where(rgbe[..., 3] == 0, 0.0, scale) / (exposure if exposure > 0 else 1.0)
+    image = ((rgbe[..., :3] + 0.5) * scale[..., None]).astype(np.float32)
+    image = image[:: 1 if down else -1, :: 1 if right else -1]
+    return torch.from_numpy(np.ascontiguousarray(np.minimum(image, np.finfo(np.float32).max)))
+
+
+def _header(data: bytes, name: str) -> tuple[list[bytes], int]:
+    """Lines up to the size, and where pixels start."""
+    end = data.find(b"\n\n", 0, 1 << 16)
+    last = data.find(b"\n", end + 2, end + 100) if end >= 0 else -1
+    if last < 0:
+        raise AssetError(
+            f"{name}: expected a Radiance picture, got no size in its header; download it again."
+        )
+    return [*data[:end].split(b"\n"), data[end + 2 : last]], last + 1
+
+
+def _pixels(data: bytes, at: int, height: int, width: int) -> np.ndarray:
+    """RGBE of every pixel, (H, W, 4) bytes."""
+    out = np.zeros((height, width, 4), np.uint8)
+    for row in range(height):
+        lead = data[at : at + 4]
+        if 8 <= width < 32768 and lead[:2] == b"\x02\x02" and lead[2] << 8 | lead[3] == width:
+            at = _runs(data, at + 4, out[row])
+        else:
+            at = _old_runs(data, at, out[row])
+    return out
+
+
+def _runs(data: bytes, at: int, row: np.ndarray) -> int:
+    """One scanline, its four components apart, each in runs and literals."""
+    width = row.shape[0]
+    for component in range(4):
+        x = 0
+        while x < width:
+            count = data[at]
+            if count > 128:  # a run
+                count -= 128
+                row[_span(x, count, width), component] = data[at + 1]
+                at += 2
+            else:
+                row[_span(x, count, width), component] = np.frombuffer(data, np.uint8, count, at + 1)
+                at += 1 + count
+            x += count
+    return at
+
+
+def _old_runs(data: bytes, at: int, row: np.ndarray) -> int:
+    """One scanline of whole pixels; 1 1 1 n repeats the last one n times, 256 n if it follows another."""
+    x, shift = 0, 0
+    while x < row.shape[0]:
+        pixel = np.frombuffer(data, np.uint8, 4, at)
+        at += 4
+        if x and tuple(pixel[:3]) == (1, 1, 1):
+            count = int(pixel[3]) << shift
+            row[_span(x, count, row.shape[0])] = row[x - 1]
+            x += count
+            shift += 8
+        else:
+            row[x] = pixel
+            x += 1
+            shift = 0
+    return at
+
+
+def _span(start: int, count: int, width: int) -> slice:
+    if count == 0 or start + count > width:
+        raise ValueError("run beyond the row")
+    return slice(start, start + count)
