@@ -2,14 +2,13 @@
 
 import math
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
 from texsss.errors import DomainError
 from texsss.media import fresnel
 
-Incidence = float | Literal["diffuse", "normal"]
+Incidence = float | str
 """`normal`, `diffuse` (Lambertian, weighted by what enters) or an angle from the normal outside [rad]."""
 
 

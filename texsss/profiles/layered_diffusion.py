@@ -7,6 +7,8 @@ solution that satisfies the conditions on the far side, scaled to 1 at the bound
 Source: the boundary-value problem of Donner & Jensen 2005, solved without poles; D of d'Eon & Irving 2011.
 """
 
+from functools import lru_cache
+
 import torch
 
 from texsss.media import fresnel
@@ -57,6 +59,7 @@ def transmittance(table: LayerTable, s: Float[Tensor, " S"], cosine: float) -> F
     return bottom / (bottom + near) * response
 
 
+@lru_cache(maxsize=256)
 def _boundary(eta: float) -> float:
     """Admittance of the outer surface, eta² / (2 A)."""
     return eta**2 / (2 * fresnel.A(eta))

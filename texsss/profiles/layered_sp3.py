@@ -63,11 +63,21 @@ class _Modes:
     squared: Pair
     k1: Tensor
     k2: Tensor
+    det: Tensor
 
-    @property
-    def inverse(self) -> Matrix:
-        det = 1 + self.k1 * self.k2
-        return 1 / det, -self.k1 / det, self.k2 / det, 1 / det
+    def into(self, M: Matrix) -> Matrix:
+        """A matrix in the eigenvectors as basis, V⁻¹ M V."""
+        return _conjugated(M, self.k1, self.k2, self.det)
+
+    def out_of(self, M: Matrix) -> Matrix:
+        """A matrix given in the eigenvectors, in physical components, V M V⁻¹."""
+        return _conjugated(M, -self.k1, -self.k2, self.det)
+
+    def row_into(self, r: Pair) -> Pair:
+        return r[0] - r[1] * self.k2, r[0] * self.k1 + r[1]
+
+    def row_out_of(self, r: Pair) -> Pair:
+        return (r[0] + r[1] * self.k2) / self.det, (r[1] - r[0] * self.k1) / self.det
 
 
 def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes) -> Tensor:
@@ -92,9 +102,8 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
                 scale = 1.0
             else:  # D of the layer below over D here
                 scale = layer.sigma / below.sigma * (below.eta / layer.eta) ** 2
-                response = _row_times(response, _multiply(previous.inverse, _vectors(here)))
-            G = _multiply(here.inverse, _multiply(admittance, _vectors(here)))
-            G = tuple(scale * g for g in G)
+                response = here.row_into(previous.row_out_of(response))
+            G = here.into(tuple(scale * x for x in admittance))
             (th1, th2), (e1, e2) = (f.th for f in forms), (f.sech for f in forms)
             K = _inverse((1 + th1 * G[0], th1 * G[1], th2 * G[2], 1 + th2 * G[3]))
             passed = (K[0] * e1, K[1] * e2, K[2] * e1, K[3] * e2)
@@ -112,14 +121,14 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
                 e2 * GK[2],
                 here.squared[1] * th2 + e2 * GK[3],
             )
-        admittance = _multiply(_vectors(here), _multiply(gamma, here.inverse))
+        admittance = here.out_of(gamma)
         below = layer
     b1, b2 = _boundary(layers[0], s, top)
     e1, e2 = _exit(layers[0], s, top)
     w1, w2 = top.w
     chi = _inverse((admittance[0] + b1, admittance[1], admittance[2], admittance[3] + b2))
     chi = (chi[0] * w1 * e1 + chi[1] * w2 * e2, chi[2] * w1 * e1 + chi[3] * w2 * e2)
-    r1, r2 = _row_times(response, here.inverse)
+    r1, r2 = here.row_out_of(response)
     return r1 * chi[0] + r2 * chi[1]
 
 
@@ -171,12 +180,14 @@ def _eigenmodes(layer: Coefficients, s: Tensor, modes: TwoModes) -> _Modes:
     slow = det / fast + 1e-24
     # δ > 0 because m1 < m2, so nothing cancels, at a = 0 neither
     p = delta + root
-    return _Modes((torch.sqrt(fast), torch.sqrt(slow)), (fast, slow), c1 / p, c2 / p)
+    k1, k2 = c1 / p, c2 / p
+    return _Modes((torch.sqrt(fast), torch.sqrt(slow)), (fast, slow), k1, k2, 1 + k1 * k2)
 
 
-def _vectors(modes: _Modes) -> Matrix:
-    one = torch.ones_like(modes.k1)
-    return one, modes.k1, -modes.k2, one
+def _conjugated(M: Matrix, k1: Tensor, k2: Tensor, det: Tensor) -> Matrix:
+    a, b, c, d = M
+    p, q, r, s = a - b * k2, a * k1 + b, c - d * k2, c * k1 + d
+    return (p - k1 * r) / det, (q - k1 * s) / det, (k2 * p + r) / det, (k2 * q + s) / det
 
 
 def _boundary(layer: Coefficients, s: Tensor, modes: TwoModes) -> Pair:

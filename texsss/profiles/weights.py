@@ -11,7 +11,7 @@ from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
-CHUNK = 4096  # rows solved at once: temporaries stay in cache
+CHUNK = 512  # rows solved at once: temporaries stay in cache
 
 
 @dataclass(frozen=True, eq=False)

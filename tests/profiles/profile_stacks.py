@@ -1,0 +1,38 @@
+"""Reference stacks as those of texsss, and random ones."""
+
+import math
+
+import torch
+from reference import layers as reference
+
+from texsss.media.medium import Medium
+from texsss.media.stack import Layer, LayerTable, Stack
+
+
+def stack_of(layers: list[reference.Layer]) -> Stack:
+    """The same layers as a Stack of one channel, float64."""
+    return Stack(
+        [
+            Layer(
+                Medium(row.sigma_a, row.sigma_s, row.g, row.eta),
+                None if math.isinf(row.thickness) else row.thickness,
+            )
+            for row in layers
+        ]
+    )
+
+
+def random_table(rows: int, layers: int, bottomless: bool, eta: float, seed: int) -> LayerTable:
+    """Rows of random layers: sigma_a 0 to 3, sigma_s' .01 to 30 [1/mm], .005 to 20 mm thick."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def spread(low: float, high: float) -> torch.Tensor:
+        x = torch.rand(rows, layers, 3, generator=generator, dtype=torch.float64)
+        return low * (high / low) ** x
+
+    sigma_a = spread(1e-5, 3) * (torch.rand(rows, layers, 3, generator=generator) > 0.1)
+    thickness = spread(0.005, 20)
+    if bottomless:
+        thickness[:, -1] = math.inf
+    g = torch.zeros(rows, layers, 3, dtype=torch.float64)
+    return LayerTable(sigma_a, spread(0.01, 30), g, thickness, (eta,) * layers, bottomless)
