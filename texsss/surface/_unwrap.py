@@ -33,10 +33,8 @@ def xatlas_uv(
     """
     expected = SECONDS_PER_FACE * mesh.faces.shape[0]
     if expected > timeout_s:
-        return (
-            None,
-            f"xatlas would take about {expected:.0f} s for {mesh.faces.shape[0]:,} faces, above {timeout_s:g} s",
-        )
+        count = mesh.faces.shape[0]
+        return None, f"xatlas would take about {expected:.0f} s for {count:,} faces, above {timeout_s:g} s"
     with tempfile.TemporaryDirectory(prefix="texsss-") as folder:
         source, target = Path(folder, "mesh.npz"), Path(folder, "uv.npy")
         vertices = mesh.vertices.detach().cpu().double()

@@ -14,14 +14,14 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, size: int, padding: int) -> 
 
     # xatlas packs near the resolution it is asked for, usually above: ask for more padding, check, try again
     asked = int(np.ceil(1.3 * padding))
-    for _ in range(3):
+    while True:
         atlas = xatlas.Atlas()
         atlas.add_mesh(vertices, faces)
         options = xatlas.PackOptions()
         options.padding, options.resolution = asked, size
         atlas.generate(xatlas.ChartOptions(), options)
         side = max(atlas.width, atlas.height)
-        if asked * size >= padding * side:
+        if asked * size >= padding * side or asked > size:
             break
         asked = int(np.ceil(padding * side / size * 1.1))
     _, index, uv = atlas[0]

@@ -6,9 +6,11 @@ from functools import cached_property
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.types import Float, Int, Tensor, unit
+from texsss.types import Float, Int, Tensor, chunks, unit
 
 CREASE_COS = 0.5  # faces that meet at more than 60° keep a hard edge
+MAX_VALENCE = 256  # pairs around a vertex grow with the square of its faces
+CHUNK_CORNERS = 1 << 19  # corners whose pairs are held at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Mesh:
 
     def __post_init__(self):
         if self.faces.shape[0] == 0:
-            raise ShapeError(f"Mesh: expected at least one triangle, got none in {self.name}; check the file.")
+            raise ShapeError(f"Mesh: expected a triangle or more, got none in {self.name}; check the file.")
         if self.source_uv is not None and self.source_uv.shape[0] != self.faces.shape[0]:
             raise ShapeError(
                 f"Mesh: expected texture coordinates for {self.faces.shape[0]} faces, got "
@@ -42,7 +44,7 @@ class Mesh:
                 f"in {self.name}; the file is damaged, export it again."
             )
         if not bool(torch.isfinite(self.vertices).all()):
-            raise DomainError(f"Mesh: expected finite vertices, got NaN or infinity in {self.name}; repair it.")
+            raise DomainError(f"Mesh: expected finite vertices, got NaN or infinity in {self.name}; repair.")
         if not self.height_mm > 0 and not bool((self.extent > 0).any()):
             raise DomainError(f"Mesh: expected an extent above zero, got a single point in {self.name}.")
 
@@ -67,45 +69,56 @@ class Mesh:
         return self.vertices[self.faces]
 
     @cached_property
-    def _face_cross(self) -> Float[Tensor, "F 3"]:
+    def _scaled_cross(self) -> tuple[Float[Tensor, "F 3"], Float[Tensor, " F"]]:
+        """Cross product of two edges of each face in units of its longest side, and that side [mm].
+
+        So that squares of tiny faces do not underflow in float32.
+        """
         a, b, c = self.corners.unbind(1)
-        return torch.linalg.cross(b - a, c - a)
+        side = torch.stack([b - a, c - a]).detach().abs().amax((0, -1)).clamp_min(1e-30)
+        return torch.linalg.cross((b - a) / side[:, None], (c - a) / side[:, None]), side
 
     @cached_property
     def face_area(self) -> Float[Tensor, " F"]:
         """Area of every face [mm²]."""
-        return torch.linalg.vector_norm(self._face_cross, dim=-1) / 2
+        cross, side = self._scaled_cross
+        return torch.linalg.vector_norm(cross, dim=-1) / 2 * side**2
 
     @cached_property
     def face_normals(self) -> Float[Tensor, "F 3"]:
         """Unit normal of every face; 0 for faces without area."""
-        return unit(self._face_cross)
+        return unit(self._scaled_cross[0])
 
     @cached_property
     def corner_normals(self) -> Float[Tensor, "F 3 3"]:
         """Unit shading normal at every face corner.
 
         The angle-weighted mean of the faces around the vertex that lie within 60° of the corner's
-        own face: smooth surfaces are smooth, a cube keeps its edges. Derived from positions alone,
-        so that deformation needs nothing else. Differentiable in the vertices.
+        own face: smooth surfaces are smooth, a cube keeps its edges. Vertices of more than 256 faces
+        average all of them. Derived from positions alone, so that deformation needs nothing else.
+        Differentiable in the vertices.
         Source: Thürmer & Wüthrich 1998 (angle weights).
         """
-        normals, angles = self.face_normals, self._corner_angles
+        normals, angles = self.face_normals, self._corner_angles.reshape(-1)
         flat = self.faces.reshape(-1)  # vertex of each corner, (3F,)
         order = torch.argsort(flat, stable=True)
         valence = torch.bincount(flat, minlength=self.vertices.shape[0])
         first = torch.cumsum(valence, 0) - valence
-        # every ordered pair of corners that share a vertex
-        per_corner = valence[flat]
-        own = torch.repeat_interleave(torch.arange(flat.numel(), device=flat.device), per_corner)
-        start = torch.cumsum(per_corner, 0) - per_corner
-        offset = torch.arange(own.numel(), device=flat.device) - start[own]
-        other = order[first[flat[own]] + offset]
-        own_face, other_face = own // 3, other // 3
-        close = (normals[own_face] * normals[other_face]).sum(-1) >= CREASE_COS
-        weight = angles.reshape(-1)[other] * close
         total = torch.zeros(flat.numel(), 3, dtype=normals.dtype, device=normals.device)
-        total = total.index_add(0, own, normals[other_face] * weight[:, None])
+        # every ordered pair of corners that share a vertex
+        some = torch.nonzero(valence[flat] <= MAX_VALENCE)[:, 0]
+        for part in chunks(some.numel(), CHUNK_CORNERS):
+            count = valence[flat[some[part]]]
+            own = torch.repeat_interleave(some[part], count)
+            before = torch.repeat_interleave(torch.cumsum(count, 0) - count, count)
+            other = order[first[flat[own]] + torch.arange(own.numel(), device=flat.device) - before]
+            other_normal = normals[other // 3]
+            close = (normals[own // 3] * other_normal).sum(-1) >= CREASE_COS
+            total = total.index_add(0, own, other_normal * (angles[other] * close)[:, None])
+        if some.numel() < flat.numel():
+            weighted = normals.repeat_interleave(3, 0) * angles[:, None]
+            mean = torch.zeros_like(self.vertices).index_add(0, flat, weighted)
+            total = torch.where((valence[flat] > MAX_VALENCE)[:, None], mean[flat], total)
         smooth = unit(total).reshape(-1, 3, 3)
         lost = torch.linalg.vector_norm(smooth, dim=-1, keepdim=True) < 0.5
         return torch.where(lost, _any_normal(normals)[:, None], smooth)

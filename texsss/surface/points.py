@@ -35,9 +35,8 @@ class Points:
         return self.face.shape[0]
 
     def __getitem__(self, rows: slice | Tensor) -> "Points":
-        return replace(
-            self, face=self.face[rows], bary=self.bary[rows], texel=None if self.texel is None else self.texel[rows]
-        )
+        texel = None if self.texel is None else self.texel[rows]
+        return replace(self, face=self.face[rows], bary=self.bary[rows], texel=texel)
 
     def interpolate(self, corners: Float[Tensor, "F 3 D"]) -> Float[Tensor, "P D"]:
         """Values given per face corner, at the points. Differentiable in `corners`."""
@@ -49,8 +48,10 @@ class Points:
         return self.interpolate(mesh.corners)
 
     def normal(self, mesh: Mesh) -> Float[Tensor, "P 3"]:
-        """Unit shading normals, interpolated over the face."""
-        return unit(self.interpolate(mesh.corner_normals))
+        """Unit shading normals, interpolated over the face; beyond it, as on its rim."""
+        inside = self.bary.clamp_min(0)
+        inside = replace(self, bary=inside / inside.sum(-1, keepdim=True))
+        return unit(inside.interpolate(mesh.corner_normals))
 
     def face_normal(self, mesh: Mesh) -> Float[Tensor, "P 3"]:
         """Unit normals of the faces."""
@@ -73,8 +74,9 @@ class Points:
         normal = self.normal(mesh)
         jacobian = self.jacobian(mesh, uv)
         along_u, along_v = jacobian[..., 0], jacobian[..., 1]
+        along_u = unit(along_u)
         tangent = along_u - normal * (along_u * normal).sum(-1, keepdim=True)
-        lost = torch.linalg.vector_norm(tangent, dim=-1, keepdim=True) < 1e-12
+        lost = torch.linalg.vector_norm(tangent, dim=-1, keepdim=True) < 1e-4
         tangent = unit(torch.where(lost, _perpendicular(normal), tangent))
         bitangent = torch.linalg.cross(normal, tangent)
         side = (bitangent * along_v).sum(-1, keepdim=True)
@@ -125,15 +127,20 @@ class TexelMaps:
         covered = self.area[self.covered]
         return float(covered.median().sqrt()) if covered.numel() else 0.0
 
+    @property
+    def _texel(self) -> Int[Tensor, " P"]:
+        assert self.points.texel is not None, "texels of an atlas know their place"
+        return self.points.texel.long()
+
     def to_image(self, values: Float[Tensor, "P C"], fill: float = 0.0) -> Float[Tensor, "H W C"]:
         """Values laid out as an image, `fill` in empty texels. Differentiable in `values`."""
         height, width = self.size
         image = values.new_full((height * width, values.shape[-1]), fill)
-        return image.index_copy(0, self.points.texel.long(), values).reshape(height, width, -1)
+        return image.index_copy(0, self._texel, values).reshape(height, width, -1)
 
     def from_image(self, image: Float[Tensor, "H W C"]) -> Float[Tensor, "P C"]:
         """Values of an image at the points."""
-        return image.reshape(-1, image.shape[-1])[self.points.texel.long()]
+        return image.reshape(-1, image.shape[-1])[self._texel]
 
     def moved(self, vertices: Float[Tensor, "V 3"]) -> "TexelMaps":
         """The same texels on the deformed mesh [mm]."""
@@ -143,17 +150,18 @@ class TexelMaps:
 def face_jacobian(mesh: Mesh, uv: Float[Tensor, "F 3 2"]) -> Float[Tensor, "F 3 2"]:
     """∂position/∂uv of every face [mm per unit of uv]; 0 where the face has no area in uv."""
     a, b, c = mesh.corners.unbind(1)
-    edges = torch.stack([b - a, c - a], -1)  # (F, 3, 2)
-    u, v, w = uv.unbind(1)
+    edges = torch.stack([b - a, c - a], -1).double()  # (F, 3, 2)
+    # float32 uv differ exactly in float64: slivers keep their area's digits
+    u, v, w = uv.double().unbind(1)
     (p, q), (r, s) = (v - u).unbind(-1), (w - u).unbind(-1)
     det = p * s - q * r
     sound = det.abs() > 1e-20
     inverse = torch.stack([torch.stack([s, -r], -1), torch.stack([-q, p], -1)], -2)
     inverse = inverse / torch.where(sound, det, torch.ones_like(det))[:, None, None]
-    return torch.where(sound[:, None, None], edges @ inverse, torch.zeros_like(edges))
+    return torch.where(sound[:, None, None], edges @ inverse, torch.zeros_like(edges)).to(mesh.vertices.dtype)
 
 
 def _perpendicular(normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
     """Some direction across each normal."""
-    axis = torch.where(normal[:, :1].abs() < 0.9, normal.new_tensor([1.0, 0, 0]), normal.new_tensor([0, 1.0, 0]))
-    return torch.linalg.cross(normal, axis.expand_as(normal))
+    x, y = normal.new_tensor([1.0, 0, 0]), normal.new_tensor([0, 1.0, 0])
+    return torch.linalg.cross(normal, torch.where(normal[:, :1].abs() < 0.9, x, y))

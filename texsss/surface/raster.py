@@ -41,14 +41,14 @@ def rasterise(
     grid = snapped(atlas_uv, size)
     claims = disjoint(spans(grid, size, cancel), cancel)
     _report(progress, 0.3)
-    inside = _covered_points(grid, claims, size, cancel)
+    inside, inside_texel = _covered_points(grid, claims, size, cancel)
     _report(progress, 0.7)
-    around = _gutter_points(mesh, atlas_uv, grid, claims, size, gutter_texels, cancel)
+    around, around_texel = _gutter_points(mesh, atlas_uv, grid, claims, size, gutter_texels, cancel)
     _report(progress, 1.0)
     points = Points(
         torch.cat([inside.face, around.face]),
         torch.cat([inside.bary, around.bary]),
-        torch.cat([inside.texel, around.texel]),
+        torch.cat([inside_texel, around_texel]),
     )
     is_covered = torch.arange(len(points), device=grid.device) < len(inside)
     return TexelMaps(mesh, atlas_uv, points, is_covered, (size[0], size[1]))
@@ -108,7 +108,9 @@ def _report(progress: Progress | None, share: float) -> None:
         progress("raster", share)
 
 
-def _covered_points(grid: Tensor, claims: Spans, size: tuple[int, int], cancel: Cancel | None) -> Points:
+def _covered_points(
+    grid: Tensor, claims: Spans, size: tuple[int, int], cancel: Cancel | None
+) -> tuple[Points, Tensor]:
     """The texels of disjoint `claims`; barycentrics run affinely along every span."""
     used = claims.face
     dx, dy = (steps[used] for steps in barycentric_steps(grid))
@@ -139,7 +141,7 @@ def _covered_points(grid: Tensor, claims: Spans, size: tuple[int, int], cancel: 
         whole = sum_of_two.clamp_min(1)
         torch.div(two, whole, out=bary[out, :2])
         torch.sub(1, sum_of_two, out=bary[out, 2:]).clamp_min_(0)
-    return Points(face, bary, texel)
+    return Points(face, bary), texel
 
 
 def _gutter_points(
@@ -150,7 +152,7 @@ def _gutter_points(
     size: tuple[int, int],
     radius: float,
     cancel: Cancel | None,
-) -> Points:
+) -> tuple[Points, Tensor]:
     """The gutter's texels; steps beyond a face are held to four times what a typical texel spans."""
     texel, face, nearest, beyond = gutter_texels(grid, filled(claims, size), size, radius, cancel)
     step = beyond - nearest
@@ -162,4 +164,4 @@ def _gutter_points(
     area = (area_per_texel(mesh, uv, size) * counts).sum() / counts.sum().clamp_min(1)  # mm²
     allowed = MAX_STEP * area.sqrt() * texels
     shrink = torch.where(reach > allowed, allowed / reach.clamp_min(1e-300), 1.0)
-    return Points(face.int(), (nearest + step * shrink[:, None]).float(), texel.int())
+    return Points(face.int(), (nearest + step * shrink[:, None]).float()), texel.int()
