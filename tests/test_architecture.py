@@ -28,9 +28,10 @@ MAY_IMPORT = {
     "scene": {"errors", "types"},
     "resolve": ROOMS | {"scene"},
     "result": ROOMS | {"scene"},
-    "bake": ROOMS | {"scene", "resolve", "cache", "result"},
-    "cli": {"bake", "scene", "types", "errors", "cache"},
-    "__init__": ROOMS | {"scene", "bake", "result"},
+    "estimate": ROOMS | {"scene", "resolve"},
+    "pipeline": ROOMS | {"scene", "resolve", "cache", "result"},
+    "cli": {"pipeline", "estimate", "scene", "types", "errors", "cache"},
+    "__init__": ROOMS | {"scene", "pipeline", "result"},
 }
 
 

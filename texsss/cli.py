@@ -28,7 +28,8 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 MeshOrScene = Annotated[
-    Path | None, typer.Argument(help="A mesh (OBJ, PLY, STL, GLB) or a scene.json; our own asset if left out.")
+    Path | None,
+    typer.Argument(help="A mesh (OBJ, PLY, STL, GLB) or a scene.json; our own asset if left out."),
 ]
 Material = Annotated[str | None, typer.Option(help="A preset: skin1, marble, wax, …")]
 UnitMm = Annotated[float | None, typer.Option(help="How long one unit of the mesh is [mm].")]
@@ -93,7 +94,9 @@ def bake(
     exposure: Exposure = None,
     tonemap: Tonemap = None,
     out: Annotated[Path, typer.Option(help="Folder for the six files.")] = Path("out"),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say texels, memory and time expected; bake nothing.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say texels, memory and time expected; bake nothing.")
+    ] = False,
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
     scene = build_scene(
@@ -107,9 +110,9 @@ def bake(
         exposure=exposure,
         tonemap=tonemap,
     )
-    from texsss.bake import Baker, estimate  # torch takes its time: not for --help
-
     if dry_run:
+        from texsss.estimate import estimate
+
         expected = estimate(scene)
         table = Table(title="Expected", show_header=False)
         for name, value in expected.items():
@@ -117,6 +120,8 @@ def bake(
         Console().print(table)
         return
     writable(out)
+    from texsss.pipeline import Baker  # torch takes its time: not for --help
+
     with shown_progress() as progress:
         baked = Baker().bake(scene, progress=progress)
         for note in baked.report["notes"]:
@@ -153,7 +158,7 @@ def render(
         exposure=exposure,
         tonemap=tonemap,
     )
-    from texsss.bake import Baker
+    from texsss.pipeline import Baker
 
     writable(out.parent)
     with shown_progress() as progress:

@@ -32,6 +32,8 @@ from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
 from texsss.view.camera import Camera, fit_camera
 
+BACKDROP = ((0.020, 0.024, 0.030), (0.075, 0.082, 0.092))
+
 Images = dict[str, Float[Tensor, "H W C"]]
 
 
@@ -63,7 +65,7 @@ def builtins() -> list[str]:
     )
 
 
-def source_digest(source: Source) -> str:
+def digest(source: Source) -> str:
     """A name for the content of a source's file."""
     path = locate(source)
     status = path.stat()
@@ -82,17 +84,18 @@ def load_mesh(spec: MeshSpec) -> tuple[Mesh, MeshNotes]:
 
 def load_map(spec: MapSpec) -> Float[Tensor, "H W C"]:
     """A map, linear; its chosen channel alone where one is chosen."""
-    image = read_image(locate(spec.source), space=spec.space)
-    if spec.channel == "rgb":
-        return image[..., :3]
-    if spec.channel == "luminance":
-        return (image[..., :3] * image.new_tensor([0.2126, 0.7152, 0.0722])).sum(-1, keepdim=True)
-    index = "rgba".index(spec.channel)
-    if index >= image.shape[-1]:
-        raise AssetError(
-            f"Map: expected a channel {spec.channel!r}, {locate(spec.source)} has {image.shape[-1]}."
-        )
-    return image[..., index : index + 1]
+    return read_image(locate(spec.source), spec.space, spec.channel)
+
+
+def material_maps(scene: Scene) -> list[str]:
+    """Names of the maps that a scene's layers use."""
+    return sorted({name for field, name in scene.map_names() if not field.startswith("material.surface")})
+
+
+def background(scene: Scene) -> tuple:
+    """Linear background of the picture: the scene's colour, or a dark studio backdrop from top to bottom."""
+    colour = scene.output.background
+    return BACKDROP if colour is None else colour
 
 
 def stack(scene: Scene, images: Images) -> Stack:
@@ -161,11 +164,11 @@ def studio(mesh: Mesh, intensity: float = 1.0) -> list[Light]:
     """Key, rim and fill around a mesh, at distances that scale with it.
 
     The key gives π W/m² at the centre when it faces it, so that a white diffuse surface shows 1;
-    the rim from behind is as strong, and shines through what is thin; the fill is dim and even.
+    the rim from behind is as strong, and shines through what is thin; the fill is dim and cool.
     """
     centre = (mesh.vertices.amax(0) + mesh.vertices.amin(0)).detach() / 2
     distance = 2.0 * mesh.diagonal_mm
-    per_unit = intensity * torch.pi * (distance / 1000) ** 2  # W/sr for 1 W/m² · π at the centre
+    per_unit = intensity * math.pi * (distance / 1000) ** 2  # W/sr for π W/m² at the centre
 
     def lamp(direction: list[float], colour: list[float], strength: float) -> PointLight:
         aim = torch.tensor(direction)
@@ -173,9 +176,9 @@ def studio(mesh: Mesh, intensity: float = 1.0) -> list[Light]:
         return PointLight(position, strength * per_unit * torch.tensor(colour))
 
     return [
-        lamp([0.75, 0.65, 0.9], [1.0, 0.96, 0.9], 1.0),
+        lamp([0.75, 0.6, 0.9], [1.0, 0.96, 0.9], 1.0),
         lamp([-0.8, 0.5, -0.9], [0.9, 0.95, 1.0], 1.0),
-        ConstantEnvironment(intensity * torch.tensor([0.09, 0.1, 0.115])),
+        lamp([-0.8, 0.1, 1.0], [0.85, 0.93, 1.0], 0.12),
     ]
 
 

@@ -18,7 +18,7 @@ from texsss.io.images import write_png
 from texsss.profiles.weights import Weights
 from texsss.surface.dilate import dilate
 from texsss.surface.points import TexelMaps
-from texsss.types import Bool, Float, Tensor
+from texsss.types import Bool, Float, Progress, Tensor
 
 FILES = ("irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json")
 
@@ -28,8 +28,7 @@ class Baked:
     """A baked scene. Images are (H, W, 3) over the atlas, v down, dilated to the full square.
 
     `texels`: the points that the values lie on. `texel_irradiance`, `texel_exitance` (P, 3): entered
-    irradiance and exitance [W/m²]. `weights`: of the bank's Gaussians. `report`: what report.json
-    says. `take_picture` renders the preview (linear RGB); `encode` turns linear RGB into display
+    irradiance and exitance [W/m²]. `weights`: of the bank's Gaussians. `take_picture` renders the preview (linear RGB); `encode` turns linear RGB into display
     values in 0..1 as the scene's output asks.
     """
 
@@ -37,9 +36,14 @@ class Baked:
     texel_irradiance: Float[Tensor, "P 3"]
     texel_exitance: Float[Tensor, "P 3"]
     weights: Weights | None
-    report: dict
+    make_report: Callable[[], dict]
     take_picture: Callable[[], Tensor]
     encode: Callable[[Tensor], Tensor]
+
+    @property
+    def report(self) -> dict:
+        """What report.json says: seconds per stage made so far, texels, variances, energy, the scene."""
+        return self.make_report()
 
     @cached_property
     def coverage(self) -> Bool[Tensor, "H W"]:
@@ -77,13 +81,26 @@ class Baked:
         filled[self.texels.points.texel.long()] = True
         return dilate(self.texels.to_image(values), filled.reshape(height, width))
 
-    def save(self, folder: str | Path) -> dict[str, Path]:
+    def save_picture(self, path: str | Path) -> None:
+        """Writes the picture alone: PNG display-encoded, EXR linear.
+
+        Raises AssetError: when it can't be written.
+        """
+        path = Path(path)
+        with staging(path.parent) as temporary:
+            if path.suffix.lower() == ".exr":
+                write_exr(temporary / path.name, self.picture.detach())
+            else:
+                write_png(temporary / path.name, self.encode(self.picture.detach()))
+
+    def save(self, folder: str | Path, *, progress: Progress | None = None) -> dict[str, Path]:
         """Writes the six files of a bake into `folder`, all or none; gives their paths by name.
 
         radiance.png and preview.png are display-encoded; the EXRs are linear half floats; model.glb
         carries the baked texture unlit, in metres. Raises AssetError: when the folder can't be written.
         """
-        folder = Path(folder)
+        folder, tell = Path(folder), progress or (lambda stage, fraction: None)
+        tell("files", 0.0)
         with staging(folder) as temporary:
             write_exr(temporary / "irradiance.exr", self.irradiance.detach())
             write_exr(temporary / "radiance.exr", self.radiance.detach())
@@ -93,6 +110,7 @@ class Baked:
             write_glb(temporary / "model.glb", self.texels.mesh, self.texels.atlas_uv, shown)
             text = json.dumps(self.report, indent=2) + "\n"
             (temporary / "report.json").write_text(text, encoding="utf-8")
+        tell("files", 1.0)
         return {name: folder / name for name in FILES}
 
 

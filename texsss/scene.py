@@ -274,12 +274,12 @@ class Scene(Model):
 
     @model_validator(mode="after")
     def _names_exist(self) -> "Scene":
-        for where, name in self._map_names():
+        for where, name in self.map_names():
             if name not in self.maps:
                 raise ValueError(f"{where}: no map is named {name!r}; maps has {sorted(self.maps) or 'none'}")
         return self
 
-    def _map_names(self) -> list[tuple[str, str]]:
+    def map_names(self) -> list[tuple[str, str]]:
         """(field, map name) of every map that something refers to."""
         surface = self.material.surface
         used = [
@@ -348,7 +348,7 @@ class Scene(Model):
 def migrate(data: dict) -> dict:
     """`data` in today's schema version. Raises DomainError: when it is newer than this program."""
     version = data.get("version", SCHEMA_VERSION)
-    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version:
+    if not isinstance(version, int) or isinstance(version, bool) or not version >= 1:
         raise DomainError(f"Scene: version: expected an integer from 1 to {SCHEMA_VERSION}, got {version!r}.")
     if version > SCHEMA_VERSION:
         raise DomainError(

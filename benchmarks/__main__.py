@@ -1,0 +1,17 @@
+"""Runs every benchmark of this folder, one after the other: python -m benchmarks [NAME ...]"""
+
+import runpy
+import sys
+from pathlib import Path
+
+
+def main() -> None:
+    names = sorted(path.stem for path in Path(__file__).parent.glob("bench_*.py"))
+    for name in names:
+        if len(sys.argv) == 1 or name.removeprefix("bench_") in sys.argv[1:]:
+            print(f"\n== {name}", flush=True)
+            runpy.run_module(f"benchmarks.{name}", run_name="__main__")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""The command line as a stranger meets it: files out, one sentence and exit code 2 for mistakes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
+
+CUBE_OBJ = """
+v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
+f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 2 3 7 6\nf 1 5 8 4
+"""
+
+
+def texsss(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "texsss.cli", *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+        env=os.environ | {"COLUMNS": "400"},
+    )
+
+
+@pytest.fixture
+def cube(tmp_path) -> Path:
+    path = tmp_path / "cube.obj"
+    path.write_text(CUBE_OBJ)
+    return path
+
+
+def test_bake_writes_the_six_files(cube, tmp_path):
+    out = tmp_path / "out"
+    done = texsss("bake", cube, "--material", "marble", "--unit-mm", 10, "--size", 64, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in out.iterdir()} == FILES
+    report = json.loads((out / "report.json").read_text())
+    assert report["mesh"]["extent_mm"] == [20.0, 20.0, 20.0]
+    assert report["scene"]["material"]["layers"][0]["medium"] == "marble"
+    assert {"mesh", "atlas", "texels", "light", "bank", "weights", "exitance", "picture"} <= report[
+        "seconds"
+    ].keys()
+    preview = np.asarray(Image.open(out / "preview.png"))
+    assert preview.std() > 10, "a flat picture shows nothing"
+
+
+def test_scene_init_renders(tmp_path):
+    made = texsss("scene", "init")
+    data = json.loads(made.stdout)
+    data["camera"]["resolution"] = [64, 48]
+    data["atlas"]["size"] = 64
+    data["camera"]["samples"] = 1
+    (tmp_path / "scene.json").write_text(json.dumps(data))
+    done = texsss("render", "scene.json", "--out", "image.png", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert Image.open(tmp_path / "image.png").size == (64, 48)
+
+
+def test_unit_left_out_is_said(cube, tmp_path):
+    done = texsss("bake", cube, "--size", 32, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "unit" in done.stderr and "mm tall" in done.stderr
+
+
+def test_dry_run_bakes_nothing(cube, tmp_path):
+    done = texsss("bake", cube, "--size", 128, "--out", tmp_path / "out", "--dry-run")
+    assert done.returncode == 0, done.stderr
+    assert "texels" in done.stdout and "memory" in done.stdout and "seconds" in done.stdout
+    assert not (tmp_path / "out").exists()
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+BAD = {
+    "missing file": (None, [], "found none"),
+    "not a mesh": ("hello", [], "mesh.obj"),
+    "empty": ("", [], "mesh.obj"),
+    "no triangles": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", [], "triangle"),
+    "nan": ("v nan nan nan\nv nan nan nan\nv nan nan nan\nf 1 2 3\n", [], "mesh.obj"),
+    "zero extent": ("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", [], "mesh.obj"),
+    "size 0": (TRIANGLE, ["--size", "0"], "atlas.size"),
+    "size 1000000": (TRIANGLE, ["--size", "1000000"], "atlas.size"),
+    "unit 0": (TRIANGLE, ["--unit-mm", "0"], "mesh.unit_mm"),
+    "unknown preset": (TRIANGLE, ["--material", "skim"], "marble"),
+    "unknown tonemap": (TRIANGLE, ["--tonemap", "x"], "agx"),
+    "not there yet": (TRIANGLE, ["--diffusion", "octree"], "octree"),
+    "missing albedo": (TRIANGLE, ["--albedo", "none.png"], "none.png"),
+    "unwritable out": (TRIANGLE, ["--out", "mesh.obj/out"], "--out"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_sentence(name, tmp_path):
+    text, options, says = BAD[name]
+    if text is not None:
+        (tmp_path / "mesh.obj").write_text(text)
+    before = set(tmp_path.iterdir())
+    done = texsss("bake", "mesh.obj", *options, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert set(tmp_path.iterdir()) == before, "partial files were left"
+
+
+def test_malformed_scene_names_the_field(tmp_path):
+    (tmp_path / "scene.json").write_text(
+        '{"material": {"layers": [{"medium": "skin1", "thickness_mm": -1}]}}'
+    )
+    done = texsss("render", "scene.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "material.layers.0.thickness_mm" in done.stderr

@@ -1,0 +1,165 @@
+"""The pipeline as a whole: laws it keeps, what it redoes and what it keeps, how it stops."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from texsss.pipeline import STAGE_VERSIONS, Baker, bake
+from texsss.errors import AssetError, Cancelled, ShapeError, Unavailable
+from texsss.media.presets import preset
+from texsss.media.stack import Stack
+from texsss.profiles.hankel import hankel_profiles
+from texsss.scene import Scene
+
+SMALL = {"atlas": {"size": 128}, "camera": {"resolution": [64, 48], "samples": 1}}
+LAMP = {"type": "point", "position_mm": [300.0, 400.0, 700.0], "intensity_w_per_sr": [3.0, 3.0, 3.0]}
+
+
+def head(shared_data: Path, size: int, material: str = "skin1", **more) -> Scene:
+    mesh = {"source": str(shared_data / "head/LeePerrySmith.obj"), "unit_mm": 1000.0}
+    return Scene.parse(
+        {"mesh": mesh, "atlas": {"size": size}, "lights": [LAMP], "material": material, **more}
+    )
+
+
+def square(folder: Path, edge_mm: float, wide: float = 1.0) -> Path:
+    """A flat square facing +z, front up, its u squeezed to 1/`wide` of the texture."""
+    u = 1 / wide
+    path = folder / "square.obj"
+    path.write_text(
+        f"v 0 0 0\nv {edge_mm} 0 0\nv {edge_mm} {edge_mm} 0\nv 0 {edge_mm} 0\n"
+        f"vt 0 0\nvt {u} 0\nvt {u} 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize("material", ["skin1", "marble"])
+@pytest.mark.parametrize("size", [256, 1024])
+def test_energy_that_leaves_a_closed_head_is_the_profile_total(shared_data, material, size):
+    """Σ M dA = R̂(0) Σ E dA."""
+    baked = bake(head(shared_data, size, material))
+    left, entered = (torch.tensor(baked.report["energy"][name]) for name in ("left_w", "entered_w"))
+    R, _ = hankel_profiles(Stack(preset(material)), torch.zeros(1), model="layered-sp3")
+    torch.testing.assert_close(left / entered, R[0].float(), rtol=0.01, atol=0)
+
+
+def test_constant_light_stays_constant(shared_data):
+    """E = 1 everywhere gives M = R̂(0), at chart edges too, in the gutter too."""
+    from texsss.transport.bank import build_bank, exitance
+
+    baked = bake(head(shared_data, 512, methods={"diffusion": "uv"}))
+    bank = build_bank(torch.ones(len(baked.texels), 3), baked.texels, baked.weights.variances, method="uv")
+    left = exitance(bank, baked.weights, rule="exit")
+    total = baked.weights.table.sum(1)
+    assert float((left / total - 1).abs().max()) < 1e-3
+
+
+def test_resolutions_agree(shared_data):
+    """512² and 2048² show the same surface light: RMS difference ≤ 2 % of the RMS."""
+    small, large = (bake(head(shared_data, size)) for size in (512, 2048))
+    both = large.coverage.reshape(512, 4, 512, 4).all(3).all(1) & small.coverage
+    fine = large.exitance.reshape(512, 4, 512, 4, 3).mean((1, 3))[both]
+    coarse = small.exitance[both]
+    assert float((fine - coarse).square().mean().sqrt() / fine.square().mean().sqrt()) < 0.02
+
+
+def test_same_inputs_same_bytes():
+    scene = Scene.parse(SMALL)
+    first, second = bake(scene), bake(scene)
+    assert torch.equal(first.exitance, second.exitance)
+    assert torch.equal(first.picture, second.picture)
+
+
+def test_no_diffusion_is_lambert():
+    """With a normalised profile and no diffusion, M = albedo E."""
+    baked = bake(Scene.parse({**SMALL, "methods": {"diffusion": "none"}}))
+    lambert = baked.texel_exitance / baked.texel_irradiance.clamp_min(1e-9)
+    lit = baked.texel_irradiance.amin(-1) > 1e-3
+    assert bool((lambert[lit] <= 1 + 1e-5).all()) and float(lambert[lit].std()) > 0.01
+
+
+@pytest.mark.parametrize("mode", ["pre", "post", "both"])
+def test_albedo_modes_agree_without_diffusion(mode):
+    surface = {"albedo": "albedo", "albedo_mode": mode}
+    material = {"layers": [{"medium": "skin1"}], "surface": surface}
+    baked = bake(Scene.parse({**SMALL, "material": material, "methods": {"diffusion": "none"}}))
+    reference = bake(Scene.parse({**SMALL, "methods": {"diffusion": "none"}}))
+    torch.testing.assert_close(baked.texel_exitance, reference.texel_exitance, rtol=1e-5, atol=1e-6)
+
+
+def made(baked) -> set[str]:
+    return set(baked.report["seconds"])
+
+
+def test_edits_redo_what_they_change_and_no_more():
+    baker = Baker()
+    scene = Scene.parse(SMALL)
+    baker.bake(scene).picture
+    other_material = scene.model_copy(
+        update={"material": Scene.parse({"mesh": "x", "material": "marble"}).material}
+    )
+    moved_light = Scene.parse({**SMALL, "lights": [LAMP]})
+    exposed = Scene.parse({**SMALL, "output": {"exposure_ev": 1.0}})
+    assert made(baker.bake(scene)) == set()
+    assert made(baker.bake(other_material)) <= {"weights", "exitance", "light", "bank"}
+    assert made(baker.bake(moved_light)) == {"light", "bank", "exitance"}
+    assert made(baker.bake(exposed)) == set()
+
+
+def test_material_of_the_same_index_costs_no_blur():
+    baker = Baker()
+    for medium in ("skin1", "skin2"):
+        material = {"layers": [{"medium": medium}]}
+        baked = baker.bake(Scene.parse({**SMALL, "material": material}))
+    assert made(baked) == {"weights", "exitance"}
+
+
+def test_full_cache_gives_the_same():
+    scene = Scene.parse(SMALL)
+    assert torch.equal(Baker(cache_bytes=0).bake(scene).exitance, bake(scene).exitance)
+
+
+def test_progress_names_the_stages():
+    heard = []
+    bake(Scene.parse(SMALL), progress=lambda stage, fraction: heard.append((stage, fraction))).picture
+    assert {stage for stage, _ in heard} <= STAGE_VERSIONS.keys() | {"picture"}
+    assert all(0 <= fraction <= 1 for _, fraction in heard)
+
+
+@pytest.mark.parametrize("stage", ["mesh", "texels", "light", "bank"])
+def test_cancel_stops_and_keeps_what_was_done(stage):
+    baker, scene, seen = Baker(), Scene.parse(SMALL), []
+
+    with pytest.raises(Cancelled):
+        baker.bake(scene, progress=lambda name, _: seen.append(name), cancel=lambda: stage in seen)
+    baked = baker.bake(scene)
+    assert bool(torch.isfinite(baked.exitance).all())
+
+
+def test_images_are_full_squares_without_nan():
+    baked = bake(Scene.parse(SMALL))
+    for image in (baked.irradiance, baked.exitance, baked.radiance):
+        assert image.shape == (128, 128, 3)
+        assert bool(torch.isfinite(image).all())
+        assert bool((image.sum(-1) > 0).any())
+    assert baked.coverage.shape == (128, 128) and baked.coverage.dtype == torch.bool
+
+
+def test_maps_need_texture_coordinates(tmp_path):
+    path = tmp_path / "bare.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    albedo = {"source": {"builtin": "axolotl/albedo.png"}, "space": "srgb"}
+    data = {"mesh": str(path), "maps": {"albedo": albedo}, "material": {"surface": {"albedo": "albedo"}}}
+    with pytest.raises(ShapeError, match="no texture coordinates"):
+        bake(Scene.parse({**SMALL, **data}))
+
+
+def test_methods_to_come_are_refused_by_name():
+    with pytest.raises(Unavailable, match="octree"):
+        bake(Scene.parse({**SMALL, "methods": {"diffusion": "octree"}}))
+
+
+def test_unknown_builtin_lists_the_choices():
+    with pytest.raises(AssetError, match=r"axolotl/axolotl\.obj"):
+        bake(Scene.parse({**SMALL, "mesh": {"source": {"builtin": "../../etc/passwd"}}}))

@@ -1,0 +1,398 @@
+"""The pipeline: stages in order, what each depends on, what is kept.
+
+    mesh ─ atlas ─ texels ─ light ─ bank ─ exitance ─ picture
+                                stack ─ weights ─┘
+
+Stages are pure functions of the rooms; here they are joined. A result is kept under the content of
+everything it was made from, so that a material edit costs no blur and a light edit no physics.
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Callable
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any, Literal
+
+import torch
+
+from texsss import resolve
+from texsss.cache import Kept, StageCache, content_key
+from texsss.errors import ShapeError, Unavailable
+from texsss.light.emitters import Light
+from texsss.light.irradiance import irradiance
+from texsss.light.visibility import Occluder
+from texsss.numerics.sampling import bilinear
+from texsss.profiles.project import variance_ladder
+from texsss.profiles.weights import weights_for
+from texsss.result import Baked
+from texsss.scene import Scene
+from texsss.surface.atlas import make_atlas
+from texsss.surface.points import TexelMaps
+from texsss.surface.raster import rasterise
+from texsss.transport.bank import build_bank, diffusion, exitance
+from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
+from texsss.view.camera import Hits
+from texsss.view.picture import picture
+from texsss.view.shade import Gloss, shade
+from texsss.view.tonemap import tonemap
+
+STAGE_VERSIONS = {
+    "mesh": 1,
+    "occluder": 1,
+    "atlas": 1,
+    "texels": 1,
+    "maps": 1,
+    "albedo": 1,
+    "light": 1,
+    "bank": 1,
+    "weights": 1,
+    "exitance": 1,
+    "picture": 1,
+}
+"""Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
+
+
+class Baker:
+    """Runs the stages of scenes in order and keeps their results, at most `cache_bytes` in all.
+
+    Not for use from several threads at once. Raises TexsssError: whatever a stage says of its input.
+    """
+
+    def __init__(self, cache_bytes: int = 4 << 30):
+        self.cache = StageCache(cache_bytes)
+
+    def bake(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
+        """The baked scene. `progress` hears (stage, fraction); `cancel` is asked between steps.
+
+        Raises Cancelled: when `cancel` says so; nothing is lost of what was already kept.
+        """
+        return _Run(self.cache, scene, progress, cancel).baked()
+
+    def render(
+        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+    ) -> Float[Tensor, "h w 3"]:
+        """The scene's picture, linear RGB. As `bake` otherwise."""
+        return _Run(self.cache, scene, progress, cancel).picture
+
+
+def bake(scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
+    """The baked scene, by a fresh `Baker`."""
+    return Baker().bake(scene, progress=progress, cancel=cancel)
+
+
+def render(
+    scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+) -> Float[Tensor, "h w 3"]:
+    """The scene's picture, linear RGB, by a fresh `Baker`."""
+    return Baker().render(scene, progress=progress, cancel=cancel)
+
+
+class _Run:
+    """One scene on its way through the stages; each property is a stage, made when first asked for."""
+
+    def __init__(self, cache: StageCache, scene: Scene, progress: Progress | None, cancel: Cancel | None):
+        refuse_what_is_missing(scene)
+        self.cache, self.scene, self.cancel = cache, scene, cancel
+        self.tell: Progress = progress or (lambda stage, fraction: None)
+        self.hooks = {"progress": self.tell, "cancel": cancel}
+        self.seconds: dict[str, float] = {}
+
+    def stage(self, name: str, make: Callable[[], Any], *depends: Any) -> Kept:
+        """The result of `make`, kept under the content of `depends`."""
+        check_cancelled(self.cancel)
+        key = content_key(name, STAGE_VERSIONS[name], *depends)
+        self.tell(name, 0.0)
+        start = time.perf_counter()
+        value, fresh = self.cache.get_or_make(key, make)
+        if fresh:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        self.tell(name, 1.0)
+        return Kept(value, key)
+
+    # surface
+
+    @cached_property
+    def mesh(self) -> Kept:
+        """(Mesh [mm], notes)"""
+        spec = self.scene.mesh
+        return self.stage(
+            "mesh", lambda: resolve.load_mesh(spec), resolve.digest(spec.source), spec.unit_mm, spec.up
+        )
+
+    @cached_property
+    def occluder(self) -> Kept:
+        mesh, _ = self.mesh.value
+        return self.stage("occluder", lambda: Occluder(mesh), self.mesh)
+
+    @cached_property
+    def atlas(self) -> Kept:
+        (mesh, _), spec = self.mesh.value, self.scene.atlas
+
+        def make():
+            return make_atlas(
+                mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks
+            )
+
+        return self.stage("atlas", make, self.mesh, spec)
+
+    @cached_property
+    def texels(self) -> Kept:
+        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
+        return self.stage(
+            "texels", lambda: rasterise(mesh, atlas.uv, (size, size), **self.hooks), self.atlas, size
+        )
+
+    # matter
+
+    def image(self, name: str) -> Kept:
+        """A map by its name in the scene."""
+        spec = self.scene.maps[name]
+        depends = resolve.digest(spec.source), spec.space, spec.channel
+        return self.stage("maps", lambda: resolve.load_map(spec), *depends)
+
+    @cached_property
+    def source_uv(self) -> Float[Tensor, "F 3 2"]:
+        """The author's texture coordinates. Raises ShapeError: when the mesh has none."""
+        mesh, _ = self.mesh.value
+        if mesh.source_uv is None:
+            raise ShapeError(
+                f"Maps: {mesh.name} has no texture coordinates to lay maps on; "
+                "unwrap it in the program that painted them, or leave the maps out."
+            )
+        return mesh.source_uv
+
+    @cached_property
+    def albedo(self) -> Kept | None:
+        """Albedo at the texels (P, 3); None without a map."""
+        name = self.scene.material.surface.albedo
+        if name is None:
+            return None
+        texels, image, uv = self.texels.value, self.image(name), self.source_uv
+
+        def make():
+            return at_texels(image.value, texels, uv).clamp(0, 1).expand(-1, 3)
+
+        return self.stage("albedo", make, self.texels, image)
+
+    @cached_property
+    def stack(self) -> Kept:
+        """The layers; not kept itself, but named by everything in it."""
+        scene = self.scene
+        used = {name: self.image(name) for name in resolve.material_maps(scene)}
+        key = content_key("stack", scene.material.layers, scene.media, used)
+        return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
+
+    @cached_property
+    def variances(self) -> Float[Tensor, " K"]:
+        """The ladder [mm²]; the identity alone when nothing diffuses."""
+        texels, methods = self.texels.value, self.scene.methods
+        if methods.diffusion == "none":
+            return torch.zeros(1)
+        return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, methods.terms)
+
+    @cached_property
+    def weights(self) -> Kept:
+        texels, methods, stack = self.texels.value, self.scene.methods, self.stack.value
+        varies = stack.varies
+
+        def make():
+            return weights_for(
+                stack,
+                self.variances,
+                points_uv=texels.points.uv(self.source_uv) if varies else None,
+                points=len(texels),
+                model=methods.profile,
+                incidence=methods.incidence,
+                **self.hooks,
+            )
+
+        normalised = self.normalised
+        made = self.stage("weights", make, self.stack, self.texels, self.variances, methods)
+        return Kept(made.value.normalised(), f"{made.key} normalised") if normalised else made
+
+    @property
+    def normalised(self) -> bool:
+        """Whether profiles are scaled to total 1, since an albedo map says how much comes back."""
+        asked = self.scene.material.surface.normalise
+        return self.scene.material.surface.albedo is not None if asked is None else asked
+
+    # light
+
+    @cached_property
+    def lights(self) -> list[Light]:
+        return resolve.lights(self.scene, self.mesh.value[0])
+
+    @cached_property
+    def irradiance(self) -> Kept:
+        """Entered irradiance at the texels (P, 3) [W/m²]."""
+        (mesh, _), texels, eta = self.mesh.value, self.texels.value, self.stack.value.eta
+        occluder, lights, seed = self.occluder.value, self.lights, self.scene.seed
+
+        def make():
+            return irradiance(
+                texels.points, mesh, lights, eta=eta, occluder=occluder, seed=seed, **self.hooks
+            )
+
+        return self.stage("light", make, self.texels, self.scene.lights, eta, seed)
+
+    @cached_property
+    def bank(self) -> Kept:
+        """One blurred copy of the light per variance, the albedo in it as its mode says."""
+        texels, light, share = self.texels.value, self.irradiance, self.albedo_share("pre")
+        methods = self.scene.methods
+
+        def make():
+            entered = light.value if share is None else light.value * share.value
+            return build_bank(entered, texels, self.variances, method=methods.diffusion, **self.hooks)
+
+        return self.stage("bank", make, light, share, self.variances, methods.diffusion)
+
+    @cached_property
+    def diffused(self) -> Kept:
+        """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
+        bank, weights, methods = self.bank, self.weights, self.scene.methods
+
+        def make():
+            blur = diffusion(self.texels.value, methods.diffusion, **self.hooks)
+            return exitance(bank.value, weights.value, methods.rule, blur=blur, cancel=self.cancel)
+
+        return self.stage("exitance", make, bank, weights, methods.rule)
+
+    def albedo_share(self, side: Literal["pre", "post"]) -> Kept | None:
+        """The part of the albedo that applies before or after diffusion at the texels."""
+        mode = self.scene.material.surface.albedo_mode
+        if self.albedo is None or mode not in (side, "both"):
+            return None
+        return self.albedo if mode == side else Kept(self.albedo.value.sqrt(), f"{self.albedo.key} root")
+
+    @property
+    def exitance(self) -> Float[Tensor, "P 3"]:
+        """Exitance at the texels [W/m²]."""
+        share = self.albedo_share("post")
+        return self.diffused.value if share is None else self.diffused.value * share.value
+
+    # picture
+
+    @cached_property
+    def exitance_image(self) -> Kept:
+        """Exitance before the albedo after diffusion, (H, W, 3), gutter filled [W/m²]."""
+        texels, diffused = self.texels.value, self.diffused
+        return Kept(texels.to_image(diffused.value), diffused.key)
+
+    @cached_property
+    def picture(self) -> Float[Tensor, "h w 3"]:
+        """The picture, linear RGB."""
+        scene, surface = self.scene, self.scene.material.surface
+        (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
+        image, eta = self.exitance_image, self.stack.value.eta
+        view = resolve.camera(scene.camera, mesh)
+        albedo = self.image(surface.albedo) if self.albedo_share("post") is not None else None
+        root = surface.albedo_mode == "both"
+
+        def make():
+            colour = None if albedo is None else albedo.value.clamp(0, 1).expand(-1, -1, 3)
+            gloss = Gloss(surface.roughness, surface.specular)
+
+            def shader(hits: Hits) -> Tensor:
+                return shade(
+                    hits,
+                    mesh,
+                    atlas.uv,
+                    image.value,
+                    self.lights,
+                    eta=eta,
+                    gloss=gloss,
+                    albedo=colour.sqrt() if root and colour is not None else colour,
+                    occluder=occluder,
+                    seed=scene.seed,
+                )
+
+            behind = resolve.background(scene)
+            return picture(
+                view, occluder, shader, samples=scene.camera.samples, background=behind, **self.hooks
+            )
+
+        lit = (image, albedo, scene.lights, eta, surface, scene.camera, scene.output.background, scene.seed)
+        return self.stage("picture", make, *lit).value[..., :3]
+
+    def baked(self) -> Baked:
+        """Everything but the picture, which is taken when asked for."""
+        scene = self.scene
+        result = (self.irradiance.value, self.exitance, self.weights.value)
+
+        def encode(image: Tensor) -> Tensor:
+            return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)
+
+        return Baked(self.texels.value, *result, self.report, lambda: self.picture, encode)
+
+    # out
+
+    def report(self) -> dict:
+        """What report.json says."""
+        mesh, notes = self.mesh.value
+        texels, covered = self.texels.value, self.texels.value.covered
+        area = texels.area[:, None]
+        entered, left = (area * self.irradiance.value).sum(0), (area * self.exitance).sum(0)
+        variances = self.variances
+        return {
+            "texsss": version("texsss"),
+            "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
+            "peak_memory_mb": round(peak_memory_bytes() / 2**20),
+            "threads": torch.get_num_threads(),
+            "mesh": {
+                "name": mesh.name,
+                "faces": mesh.faces.shape[0],
+                "vertices": mesh.vertices.shape[0],
+                "extent_mm": [round(x, 3) for x in mesh.extent.tolist()],
+            },
+            "atlas": {"origin": self.atlas.value.origin, "charts": self.atlas.value.report.charts},
+            "texels": {
+                "size": list(texels.size),
+                "covered": texels.covered_count,
+                "gutter": len(covered) - texels.covered_count,
+                "texel_mm": texels.texel_mm,
+            },
+            "variances_mm2": variances.tolist(),
+            "variances_texels2": (variances / texels.texel_mm**2).tolist(),
+            "weights": {
+                "rows": self.weights.value.table.shape[0],
+                "total": self.weights.value.table.sum(1).mean(0).tolist(),
+            },
+            "energy": {"entered_w": (entered / 1e6).tolist(), "left_w": (left / 1e6).tolist()},
+            "notes": [*notes.messages, *self.atlas.value.report.messages],
+            "scene": self.scene.model_dump(mode="json"),
+        }
+
+
+def at_texels(
+    image: Float[Tensor, "h w C"], texels: TexelMaps, uv: Float[Tensor, "F 3 2"]
+) -> Float[Tensor, "P C"]:
+    """A map in the author's texture coordinates at the texels; it tiles."""
+    return bilinear(image, texels.points.uv(uv), wrap="repeat")
+
+
+def peak_memory_bytes() -> int:
+    """The most memory that this process has held."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
+
+
+AVAILABLE = {
+    "diffusion": ("none", "uv"),
+    "single_scattering": ("none",),
+    "transmission": (False,),
+}
+"""Methods that work; the schema names more, so that scenes keep when they come."""
+
+
+def refuse_what_is_missing(scene: Scene) -> None:
+    """Raises Unavailable: when a scene asks for a method that the schema has and this version has not."""
+    for field, choices in AVAILABLE.items():
+        value = getattr(scene.methods, field)
+        if value not in choices:
+            raise Unavailable(
+                f"Scene: methods.{field}: {value!r} is not in this version yet; "
+                f"choose {' or '.join(repr(choice) for choice in choices)}."
+            )
