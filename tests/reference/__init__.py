@@ -5,6 +5,7 @@
     montecarlo  photons through the stack: any phase function, per-layer eta, error bars
     adding      adding-doubling (iadpython): totals to five digits
     collocation spectral solution of layered boundary-value problems
+    beam        collimated light in the stack, the source of the two below
     diffusion   its use for N-layer diffusion, the twin of `layered-diffusion`
     sp3         its use for the two-mode model, the twin of `layered-sp3`'s R_c
     transport   tabulated solutions of the integral transport equation

@@ -2,7 +2,7 @@
 
 In every region, for the component vector φ(z), z counted from the top of the stack,
 
-    -D φ'' + M φ = q e^{-a z}        D a positive diagonal, M a matrix, a > 0
+    -D φ'' + M φ = q(z)              D a positive diagonal, M a matrix
 
     at the top        D φ' = B_top φ
     between regions   φ / n and D φ' continuous         (n = eta² in diffusion theory)
@@ -15,13 +15,13 @@ An infinite region is cut where a source at that depth can no longer be felt at 
 the exact condition for decaying solutions, -D φ' = D sqrt(D⁻¹ M) φ. No exponential is ever multiplied out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.linalg import sqrtm
-from scipy.sparse import coo_array
+from scipy.sparse import block_array, coo_array
 from scipy.sparse.linalg import spsolve
 
 from reference.boundary import Array
@@ -37,8 +37,8 @@ class Region:
 
     D: Array  # (J,)
     M: Array  # (J, J)
-    source: Array  # (J,) q at the top of this region, attenuation above it included
-    rate: float  # a [1/mm]
+    source: Callable[[float], Array]  # q (J,) at a depth [mm] below the region's top
+    rate: float  # at which the source decays or grows at most [1/mm]
     thickness: float  # [mm]
     n: float = 1.0
 
@@ -51,56 +51,40 @@ def solve(regions: Sequence[Region], top: Array, bottom: Array | None) -> tuple[
     J = len(regions[0].D)
     first, second = _derivatives(POINTS)
     elements = _elements(regions)
-    unknowns = len(elements) * POINTS * J
-    rows: list[int] = []
-    columns: list[int] = []
-    values: list[float] = []
-    right = np.zeros(unknowns)
-
-    def index(element: int, point: int, component: int) -> int:
-        return (element * POINTS + point) * J + component
-
-    def put(row: int, column: int, value: float) -> None:
-        rows.append(row)
-        columns.append(column)
-        values.append(value)
-
-    def put_flux(row: int, element: int, point: int, component: int, sign: float) -> None:
-        region, _, length = elements[element]
-        for p in range(POINTS):
-            put(row, index(element, p, component), sign * region.D[component] * first[point, p] * 2 / length)
+    size = POINTS * J  # unknowns of an element: all components at its first point, at its second, ...
+    upper, lower = (
+        slice(0, J),
+        slice(size - J, size),
+    )  # its rows for the conditions at its upper and lower end
+    blocks: dict[tuple[int, int], Array] = {}  # (element of the equations, element of the unknowns)
+    right = np.zeros((len(elements), size))
 
     for e, (region, start, length) in enumerate(elements):
-        z = start + length * (1 + _nodes(POINTS)) / 2  # depth below the region's top
-        for p in range(1, POINTS - 1):
-            for j in range(J):
-                row = index(e, p, j)
-                right[row] = region.source[j] * np.exp(-region.rate * z[p])
-                for q in range(POINTS):
-                    put(row, index(e, q, j), -region.D[j] * second[p, q] * 4 / length**2)
-                for i in range(J):
-                    put(row, index(e, p, i), region.M[j, i])
-        for j in range(J):
-            row = index(e, 0, j)
-            if e == 0:
-                put_flux(row, e, 0, j, 1)
-                put(row, index(e, 0, j), -top[j])
-            else:  # φ / n continuous with the element above
-                put(row, index(e, 0, j), 1 / region.n)
-                put(row, index(e - 1, POINTS - 1, j), -1 / elements[e - 1][0].n)
-            row = index(e, POINTS - 1, j)
-            put_flux(row, e, POINTS - 1, j, 1)
-            if e < len(elements) - 1:  # D φ' continuous with the element below
-                put_flux(row, e + 1, 0, j, -1)
-            elif bottom is not None:
-                put(row, index(e, POINTS - 1, j), bottom[j])
-            else:
-                decay = np.real(sqrtm(region.M / region.D[:, None]))
-                for i in range(J):
-                    put(row, index(e, POINTS - 1, i), region.D[j] * decay[j, i])
+        block = np.kron(np.eye(POINTS), region.M) - np.kron(second * 4 / length**2, np.diag(region.D))
+        depths = start + length * (1 + _nodes(POINTS)) / 2
+        right[e] = np.concatenate([region.source(float(z)) for z in depths])
+        flux = np.kron(first * 2 / length, np.diag(region.D))  # D φ' at every point
+        right[e, upper] = right[e, lower] = 0
 
-    system = coo_array((values, (rows, columns)), shape=(unknowns, unknowns)).tocsc()
-    phi = spsolve(system, right).reshape(-1, J)
+        block[upper] = flux[upper] if e == 0 else 0
+        if e == 0:
+            block[upper, upper] -= np.diag(top)
+        else:  # φ / n continuous with the element above, and D φ' in that one's last rows
+            block[upper, upper] = np.eye(J) / region.n
+            blocks[e, e - 1] = np.zeros((size, size))
+            blocks[e, e - 1][upper, lower] = -np.eye(J) / elements[e - 1][0].n
+            blocks[e - 1, e] = np.zeros((size, size))
+            blocks[e - 1, e][lower] = -flux[upper]
+
+        block[lower] = flux[lower]
+        if e == len(elements) - 1:
+            decay = np.diag(region.D) @ np.real(sqrtm(region.M / region.D[:, None]))
+            block[lower, lower] += decay if bottom is None else np.diag(bottom)
+        blocks[e, e] = block
+
+    count = range(len(elements))
+    grid = [[coo_array(blocks[r, c]) if (r, c) in blocks else None for c in count] for r in count]
+    phi = spsolve(block_array(grid, format="csc"), right.ravel()).reshape(-1, J)
     return phi[0], phi[-1] if bottom is not None else np.zeros(J)
 
 

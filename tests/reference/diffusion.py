@@ -1,6 +1,6 @@
 """N-layer diffusion by collocation: the twin of `layered-diffusion`.
 
-Per layer, at lateral frequency s, with light attenuated by t(z) = exp(-∫ σt') on its way down,
+Per layer, at lateral frequency s, with t(z) the collimated light of `beam`, which bounces between the faces,
 
     -D φ'' + (σa + D s²) φ = σs' t(z)
 
@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from reference.beam import Beam, beams
 from reference.boundary import Array, impedance
 from reference.collocation import Region, solve
 from reference.layers import Layer, check_stack
@@ -33,21 +34,22 @@ def hankel(
 ) -> tuple[Array, Array]:
     """R̂(s) and T̂(s), without ballistic light, (S,) each.
 
-    cosine: of the entering beam inside the stack; its source is σs'/μ e^{-τ/μ}.
+    cosine: of the entering beam inside the first layer.
     """
     check_stack(layers)
     A_top, A_bottom = impedance(layers[0].eta), impedance(layers[-1].eta)
     infinite = np.isinf(layers[-1].thickness)
     R, T = [], []
     for frequency in np.atleast_1d(s):
-        regions, light = [], 1.0
-        for layer in layers:
+        regions = []
+        for layer, (rate, beam) in zip(layers, beams(layers, cosine)):
             D = diffusion_coefficient(layer, classical)
-            rate = layer.sigma_t_prime / cosine
-            source = np.array([light * layer.sigma_s_prime / cosine])
             M = np.array([[layer.sigma_a + D * frequency**2]])
+
+            def source(z: float, layer: Layer = layer, beam: Beam = beam) -> Array:
+                return np.array([layer.sigma_s_prime * beam(z)])
+
             regions.append(Region(np.array([D]), M, source, rate, layer.thickness, layer.eta**2))
-            light *= np.exp(-rate * layer.thickness)
         # φ = 2 A D φ'  ⇔  D φ' = φ / 2A
         bottom = None if infinite else np.array([1 / (2 * A_bottom)])
         upper, lower = solve(regions, np.array([1 / (2 * A_top)]), bottom)

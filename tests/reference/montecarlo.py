@@ -47,7 +47,7 @@ class Photons:
     """How each of the launched photons ended."""
 
     side: NDArray[np.int8]  # LOST (absorbed), TOP or BOTTOM
-    order: NDArray[np.int32]  # number of scatterings
+    order: NDArray[np.int32]  # number of scatterings, up to the end
     radius: Array  # [mm] from entry to exit, along the surface
     weight: Array
 
@@ -196,6 +196,7 @@ def _trace(
                 w *= table[k, 1] / sigma_t
                 if w < ROULETTE_BELOW:
                     if rng.random() >= ROULETTE_CHANCE:
+                        order[i] = scatterings + 1
                         break
                     w /= ROULETTE_CHANCE
                 scatterings += 1

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from reference.beam import Beam, beams
 from reference.boundary import Array
 from reference.collocation import Region, solve
 from reference.layers import Layer, check_stack
@@ -41,10 +42,12 @@ MODES = {
 }
 
 
-def collided(layers: Sequence[Layer], s: Array, scattering: bool = True) -> tuple[Array, Array]:
+def collided(
+    layers: Sequence[Layer], s: Array, scattering: bool = True, cosine: float = 1.0
+) -> tuple[Array, Array]:
     """R_c(s), T_c(s), (S,) each; without scattering (a = 0, source kept) R_u and T_u.
 
-    eta of all layers: the same, and one of MODES.
+    eta of all layers: the same, and one of MODES. cosine: of the entering beam inside.
     """
     check_stack(layers)
     etas = {layer.eta for layer in layers}
@@ -60,16 +63,18 @@ def collided(layers: Sequence[Layer], s: Array, scattering: bool = True) -> tupl
 
     R, T = [], []
     for frequency in np.atleast_1d(s):
-        regions, light = [], 1.0
-        for layer in layers:
+        regions = []
+        for layer, (rate, beam) in zip(layers, beams(layers, cosine)):
             sigma = layer.sigma_t_prime
             D = mu**2 / sigma
             M = np.diag(sigma + frequency**2 * D)
             if scattering:
                 M = M - layer.sigma_s_prime * np.outer(np.ones(2), w)
-            source = light * layer.sigma_s_prime * np.ones(2)
-            regions.append(Region(D, M, source, sigma, layer.thickness))
-            light *= np.exp(-sigma * layer.thickness)
+
+            def source(z: float, layer: Layer = layer, beam: Beam = beam) -> Array:
+                return layer.sigma_s_prime * beam(z) * np.ones(2)
+
+            regions.append(Region(D, M, source, rate, layer.thickness))
         first, last = layers[0], layers[-1]
         bottom = None if infinite else face(last, gamma, frequency)
         upper, lower = solve(regions, face(first, gamma, frequency), bottom)
