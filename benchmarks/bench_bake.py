@@ -1,6 +1,6 @@
 """A whole bake, and what an edit of the material or of a light costs on a baked scene.
 
-python -m benchmarks.bench_bake [MESH [ALBEDO]]: the LeePerrySmith head where it is at hand, else our own asset.
+python -m benchmarks.bench_bake [MESH [ALBEDO]]: the scanned head where it is at hand, else our own asset.
 """
 
 import sys
@@ -39,13 +39,13 @@ def main() -> None:
     given = [Path(argument) for argument in sys.argv[1:3]]
     if not given and HEAD.is_dir():
         given = [HEAD / "LeePerrySmith.obj", HEAD / "Map-COL.jpg"]
-    mesh, albedo = (given + [None, None])[:2]
-    Baker().bake(scene(64, mesh, albedo)).radiance  # libraries loaded, threads up
+    mesh, albedo = [*given, None, None][:2]
+    Baker().bake(scene(64, mesh, albedo))  # libraries loaded, threads up
 
     print("size   bake+files   of which")
     for size in (256, 512, 1024, 2048):
         with tempfile.TemporaryDirectory() as folder:
-            seconds, baked = clock(lambda: _whole(scene(size, mesh, albedo), folder))
+            seconds, baked = clock(lambda size=size, folder=folder: _whole(scene(size, mesh, albedo), folder))
         stages = "  ".join(
             f"{name} {value:.2f}" for name, value in baked.report["seconds"].items() if value >= 0.01
         )

@@ -27,9 +27,10 @@ MAY_IMPORT = {
     "cache": {"errors", "types"},
     "scene": {"errors", "types"},
     "resolve": ROOMS | {"scene"},
-    "result": ROOMS | {"scene"},
+    "report": ROOMS | {"scene"},
+    "result": ROOMS | {"scene", "report"},
     "estimate": ROOMS | {"scene", "resolve"},
-    "pipeline": ROOMS | {"scene", "resolve", "cache", "result"},
+    "pipeline": ROOMS | {"scene", "resolve", "cache", "result", "report"},
     "cli": {"pipeline", "estimate", "scene", "types", "errors", "cache"},
     "__init__": ROOMS | {"scene", "pipeline", "result"},
 }

@@ -4,7 +4,7 @@ import os
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -29,7 +29,7 @@ EXIT_INTERRUPTED = 130
 
 MeshOrScene = Annotated[
     Path | None,
-    typer.Argument(help="A mesh (OBJ, PLY, STL, GLB) or a scene.json; our own asset if left out."),
+    typer.Argument(help="A mesh (OBJ, PLY, STL, GLB) or scene.json; our own asset if left out."),
 ]
 Material = Annotated[str | None, typer.Option(help="A preset: skin1, marble, wax, …")]
 UnitMm = Annotated[float | None, typer.Option(help="How long one unit of the mesh is [mm].")]
@@ -55,11 +55,9 @@ def build_scene(
 ) -> Scene:
     """The scene that a mesh or scene file and options describe; options override the file."""
     if source is not None and source.suffix.lower() == ".json":
-        data = Scene.load(source).model_dump(mode="json")
+        data: dict[str, Any] = Scene.load(source).model_dump(mode="json")
     else:
-        data = {} if source is None else {"mesh": {"source": str(source)}}
-        if source is None:
-            data = Scene().model_dump(mode="json")
+        data = Scene().model_dump(mode="json") if source is None else {"mesh": {"source": str(source)}}
 
     def put(value: object, *path: str) -> None:
         if value is None:
@@ -94,9 +92,7 @@ def bake(
     exposure: Exposure = None,
     tonemap: Tonemap = None,
     out: Annotated[Path, typer.Option(help="Folder for the six files.")] = Path("out"),
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say texels, memory and time expected; bake nothing.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would cost.")] = False,
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
     scene = build_scene(

@@ -1,4 +1,7 @@
-"""What can go wrong, by class. Every message is one sentence: who, what was expected, what came, what to try."""
+"""What can go wrong, by class.
+
+Every message is one sentence: who, what was expected, what came, what to try.
+"""
 
 
 class TexsssError(Exception):

@@ -7,12 +7,9 @@ Stages are pure functions of the rooms; here they are joined. A result is kept u
 everything it was made from, so that a material edit costs no blur and a light edit no physics.
 """
 
-import resource
-import sys
 import time
 from collections.abc import Callable
 from functools import cached_property
-from importlib.metadata import version
 from typing import Any, Literal
 
 import torch
@@ -26,6 +23,7 @@ from texsss.light.visibility import Occluder
 from texsss.numerics.sampling import bilinear
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
+from texsss.report import describe
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.surface.atlas import make_atlas
@@ -96,7 +94,6 @@ class _Run:
         refuse_what_is_missing(scene)
         self.cache, self.scene, self.cancel = cache, scene, cancel
         self.tell: Progress = progress or (lambda stage, fraction: None)
-        self.hooks = {"progress": self.tell, "cancel": cancel}
         self.seconds: dict[str, float] = {}
 
     def stage(self, name: str, make: Callable[[], Any], *depends: Any) -> Kept:
@@ -110,6 +107,10 @@ class _Run:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.tell(name, 1.0)
         return Kept(value, key)
+
+    def hooks(self, name: str) -> dict[str, Any]:
+        """What a long stage listens to and speaks through; the pipeline names the stages, not the rooms."""
+        return {"progress": lambda _, fraction: self.tell(name, fraction), "cancel": self.cancel}
 
     # surface
 
@@ -132,7 +133,7 @@ class _Run:
 
         def make():
             return make_atlas(
-                mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks
+                mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks("atlas")
             )
 
         return self.stage("atlas", make, self.mesh, spec)
@@ -141,7 +142,10 @@ class _Run:
     def texels(self) -> Kept:
         (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
         return self.stage(
-            "texels", lambda: rasterise(mesh, atlas.uv, (size, size), **self.hooks), self.atlas, size
+            "texels",
+            lambda: rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels")),
+            self.atlas,
+            size,
         )
 
     # matter
@@ -205,7 +209,7 @@ class _Run:
                 points=len(texels),
                 model=methods.profile,
                 incidence=methods.incidence,
-                **self.hooks,
+                **self.hooks("weights"),
             )
 
         normalised = self.normalised
@@ -232,7 +236,7 @@ class _Run:
 
         def make():
             return irradiance(
-                texels.points, mesh, lights, eta=eta, occluder=occluder, seed=seed, **self.hooks
+                texels.points, mesh, lights, eta=eta, occluder=occluder, seed=seed, **self.hooks("light")
             )
 
         return self.stage("light", make, self.texels, self.scene.lights, eta, seed)
@@ -245,7 +249,7 @@ class _Run:
 
         def make():
             entered = light.value if share is None else light.value * share.value
-            return build_bank(entered, texels, self.variances, method=methods.diffusion, **self.hooks)
+            return build_bank(entered, texels, self.variances, method=methods.diffusion, **self.hooks("bank"))
 
         return self.stage("bank", make, light, share, self.variances, methods.diffusion)
 
@@ -255,7 +259,7 @@ class _Run:
         bank, weights, methods = self.bank, self.weights, self.scene.methods
 
         def make():
-            blur = diffusion(self.texels.value, methods.diffusion, **self.hooks)
+            blur = diffusion(self.texels.value, methods.diffusion, **self.hooks("exitance"))
             return exitance(bank.value, weights.value, methods.rule, blur=blur, cancel=self.cancel)
 
         return self.stage("exitance", make, bank, weights, methods.rule)
@@ -288,11 +292,13 @@ class _Run:
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
         image, eta = self.exitance_image, self.stack.value.eta
         view = resolve.camera(scene.camera, mesh)
-        albedo = self.image(surface.albedo) if self.albedo_share("post") is not None else None
+        name = surface.albedo if surface.albedo_mode != "pre" else None
+        albedo = None if name is None else self.image(name)
         root = surface.albedo_mode == "both"
 
         def make():
             colour = None if albedo is None else albedo.value.clamp(0, 1).expand(-1, -1, 3)
+            assert not isinstance(surface.roughness, str) and not isinstance(surface.specular, str)
             gloss = Gloss(surface.roughness, surface.specular)
 
             def shader(hits: Hits) -> Tensor:
@@ -311,7 +317,12 @@ class _Run:
 
             behind = resolve.background(scene)
             return picture(
-                view, occluder, shader, samples=scene.camera.samples, background=behind, **self.hooks
+                view,
+                occluder,
+                shader,
+                samples=scene.camera.samples,
+                background=behind,
+                **self.hooks("picture"),
             )
 
         lit = (image, albedo, scene.lights, eta, surface, scene.camera, scene.output.background, scene.seed)
@@ -325,45 +336,14 @@ class _Run:
         def encode(image: Tensor) -> Tensor:
             return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)
 
-        return Baked(self.texels.value, *result, self.report, lambda: self.picture, encode)
+        def report() -> dict:
+            (_, notes), atlas, texels = self.mesh.value, self.atlas.value, self.texels.value
+            weights, entered = self.weights.value, self.irradiance.value
+            return describe(
+                scene, self.seconds, notes.messages, atlas, texels, weights, entered, self.exitance
+            )
 
-    # out
-
-    def report(self) -> dict:
-        """What report.json says."""
-        mesh, notes = self.mesh.value
-        texels, covered = self.texels.value, self.texels.value.covered
-        area = texels.area[:, None]
-        entered, left = (area * self.irradiance.value).sum(0), (area * self.exitance).sum(0)
-        variances = self.variances
-        return {
-            "texsss": version("texsss"),
-            "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
-            "peak_memory_mb": round(peak_memory_bytes() / 2**20),
-            "threads": torch.get_num_threads(),
-            "mesh": {
-                "name": mesh.name,
-                "faces": mesh.faces.shape[0],
-                "vertices": mesh.vertices.shape[0],
-                "extent_mm": [round(x, 3) for x in mesh.extent.tolist()],
-            },
-            "atlas": {"origin": self.atlas.value.origin, "charts": self.atlas.value.report.charts},
-            "texels": {
-                "size": list(texels.size),
-                "covered": texels.covered_count,
-                "gutter": len(covered) - texels.covered_count,
-                "texel_mm": texels.texel_mm,
-            },
-            "variances_mm2": variances.tolist(),
-            "variances_texels2": (variances / texels.texel_mm**2).tolist(),
-            "weights": {
-                "rows": self.weights.value.table.shape[0],
-                "total": self.weights.value.table.sum(1).mean(0).tolist(),
-            },
-            "energy": {"entered_w": (entered / 1e6).tolist(), "left_w": (left / 1e6).tolist()},
-            "notes": [*notes.messages, *self.atlas.value.report.messages],
-            "scene": self.scene.model_dump(mode="json"),
-        }
+        return Baked(self.texels.value, *result, report, lambda: self.picture, encode)
 
 
 def at_texels(
@@ -371,12 +351,6 @@ def at_texels(
 ) -> Float[Tensor, "P C"]:
     """A map in the author's texture coordinates at the texels; it tiles."""
     return bilinear(image, texels.points.uv(uv), wrap="repeat")
-
-
-def peak_memory_bytes() -> int:
-    """The most memory that this process has held."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
 
 
 AVAILABLE = {
@@ -395,4 +369,11 @@ def refuse_what_is_missing(scene: Scene) -> None:
             raise Unavailable(
                 f"Scene: methods.{field}: {value!r} is not in this version yet; "
                 f"choose {' or '.join(repr(choice) for choice in choices)}."
+            )
+    surface = scene.material.surface
+    for field in ("normal", "roughness", "specular"):
+        if isinstance(getattr(surface, field), str):
+            raise Unavailable(
+                f"Scene: material.surface.{field}: maps are not read in this version yet; "
+                "leave it out or give a number."
             )

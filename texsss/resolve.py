@@ -5,6 +5,7 @@ from functools import lru_cache
 from hashlib import blake2b
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -46,9 +47,9 @@ def locate(source: Source) -> Path:
     if source.builtin is not None:
         if source.builtin not in builtins():
             raise AssetError(
-                f"Source: no builtin is named {source.builtin!r}; builtins are {', '.join(builtins())}."
+                f"Source: no builtin is named {source.builtin!r}; choose from {', '.join(builtins())}."
             )
-        return path
+        return Path(str(files("texsss_assets").joinpath(source.builtin)))
     path = Path(source.path or "")
     if not path.exists():
         raise AssetError(f"Source: expected a file, found none at {path}; check the path.")
@@ -102,9 +103,11 @@ def stack(scene: Scene, images: Images) -> Stack:
     """The layers of a scene's material. Raises DomainError: when a medium's name is unknown."""
     layers = []
     for spec in scene.material.layers:
-        names = spec.medium.mix if isinstance(spec.medium, Mix) else (spec.medium,)
-        found = [medium(scene, name, images) for name in names]
-        matter = mix(*found, _grey(images[spec.medium.mask])) if isinstance(spec.medium, Mix) else found[0]
+        if isinstance(spec.medium, Mix):
+            first, second = (medium(scene, name, images) for name in spec.medium.mix)
+            matter = mix(first, second, _grey(images[spec.medium.mask]))
+        else:
+            matter = medium(scene, spec.medium, images)
         layers.append(Layer(matter, _value(spec.thickness_mm, images)))
     return Stack(layers)
 
@@ -127,7 +130,7 @@ def medium(scene: Scene, name: str, images: Images) -> Medium:
     )
 
 
-def _value(value: object, images: Images) -> float | Tensor | None:
+def _value(value: Any, images: Images) -> Any:
     """A number as it is, a triple as a tensor, a painted value as its map scaled to its range."""
     if isinstance(value, MapValue):
         image = images[value.map]

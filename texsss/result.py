@@ -28,8 +28,8 @@ class Baked:
     """A baked scene. Images are (H, W, 3) over the atlas, v down, dilated to the full square.
 
     `texels`: the points that the values lie on. `texel_irradiance`, `texel_exitance` (P, 3): entered
-    irradiance and exitance [W/m²]. `weights`: of the bank's Gaussians. `take_picture` renders the preview (linear RGB); `encode` turns linear RGB into display
-    values in 0..1 as the scene's output asks.
+    irradiance and exitance [W/m²]. `weights`: of the bank's Gaussians. `take_picture` renders the
+    preview (linear RGB); `encode` turns linear RGB into display values in 0..1 as the scene's output asks.
     """
 
     texels: TexelMaps
@@ -48,7 +48,7 @@ class Baked:
     @cached_property
     def coverage(self) -> Bool[Tensor, "H W"]:
         """Which texels lie on the surface."""
-        covered = self.texels.points.texel[self.texels.covered].long()
+        covered = self.texels.index[self.texels.covered]
         height, width = self.texels.size
         flat = torch.zeros(height * width, dtype=torch.bool, device=covered.device)
         flat[covered] = True
@@ -78,7 +78,7 @@ class Baked:
         """Values at the texels as an image dilated to the full square."""
         height, width = self.texels.size
         filled = torch.zeros(height * width, dtype=torch.bool, device=values.device)
-        filled[self.texels.points.texel.long()] = True
+        filled[self.texels.index] = True
         return dilate(self.texels.to_image(values), filled.reshape(height, width))
 
     def save_picture(self, path: str | Path) -> None:

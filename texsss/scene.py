@@ -248,7 +248,7 @@ class Scene(Model):
     """
 
     version: Literal[1] = SCHEMA_VERSION
-    mesh: Annotated[MeshSpec, BeforeValidator(_as_mesh)]
+    mesh: Annotated[MeshSpec, BeforeValidator(_as_mesh)] = MeshSpec(**DEFAULT_OBJECT["mesh"])
     atlas: AtlasSpec = AtlasSpec()
     maps: dict[str, MapSpec] = {}
     media: dict[str, MediumSpec] = {}

@@ -1,7 +1,7 @@
 """Lights: each tells a point from where how much of it arrives."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -57,6 +57,10 @@ class Environment(Light, Protocol):
         """Radiance that arrives from unit `direction` [W/(m² sr)]."""
         ...
 
+    def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
+        """Irradiance that enters where nothing shadows [W/m²], as a function of unit normals (P, 3)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
@@ -70,18 +74,56 @@ class PointLight:
     is_delta = True
 
     def __post_init__(self):
-        _triple(self, "position")
-        _triple(self, "intensity", least=0.0)
+        triple(self, "position")
+        triple(self, "intensity", least=0.0)
 
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
     ) -> LightSamples:
         """See `Light.sample`."""
-        offset = _like(self.position, position) - position
+        offset = like(self.position, position) - position
         # a micrometre away is as near as a light gets
         squared = (offset * offset).sum(-1).clamp_min(1e-6)
-        irradiance = _like(self.intensity, position) * (MM2_PER_M2 / squared)[:, None]
+        irradiance = like(self.intensity, position) * (MM2_PER_M2 / squared)[:, None]
         return LightSamples(unit(offset), squared.sqrt(), irradiance)
+
+
+@dataclass(frozen=True, eq=False)
+class SpotLight:
+    """A point that shines into a cone around `direction` (3,), the way its light goes.
+
+    `position` (3,) [mm], `intensity` (3,) [W/sr] along the axis; full within `inner`, none beyond
+    `outer`, smooth between them: angles from the axis [radians].
+    Raises ShapeError, DomainError: as PointLight, and unless 0 ≤ inner ≤ outer ≤ π.
+    """
+
+    position: Triple
+    intensity: Triple
+    direction: Triple
+    inner: float = math.radians(20)
+    outer: float = math.radians(25)
+    is_delta = True
+
+    def __post_init__(self):
+        triple(self, "position")
+        triple(self, "intensity", least=0.0)
+        if not float(torch.linalg.vector_norm(triple(self, "direction").detach())) > 0:
+            raise DomainError("SpotLight: expected a direction, got (0, 0, 0); (0, -1, 0) shines down.")
+        if not 0 <= self.inner <= self.outer <= math.pi:
+            raise DomainError(
+                f"SpotLight: expected 0 ≤ inner ≤ outer ≤ π radians, got {self.inner:g} and {self.outer:g}."
+            )
+
+    def sample(
+        self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
+    ) -> LightSamples:
+        """See `Light.sample`."""
+        seen = PointLight(self.position, self.intensity).sample(position, normal, square)
+        cosine = -(seen.direction * unit(like(self.direction, position))).sum(-1)
+        full, none = math.cos(self.inner), math.cos(self.outer)
+        share = ((cosine - none) / max(full - none, 1e-6)).clamp(0, 1)
+        smooth = share * share * (3 - 2 * share)
+        return LightSamples(seen.direction, seen.distance, seen.irradiance * smooth[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +139,8 @@ class DirectionalLight:
     is_delta = True
 
     def __post_init__(self):
-        direction = _triple(self, "direction")
-        _triple(self, "irradiance", least=0.0)
+        direction = triple(self, "direction")
+        triple(self, "irradiance", least=0.0)
         if not float(torch.linalg.vector_norm(direction.detach())) > 0:
             raise DomainError(
                 "DirectionalLight: expected a direction, got (0, 0, 0); (0, 1, 0) is from above."
@@ -108,9 +150,9 @@ class DirectionalLight:
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
     ) -> LightSamples:
         """See `Light.sample`."""
-        direction = unit(_like(self.direction, position)).expand_as(position)
+        direction = unit(like(self.direction, position)).expand_as(position)
         distance = position.new_full(position.shape[:1], math.inf)
-        return LightSamples(direction, distance, _like(self.irradiance, position).expand_as(position))
+        return LightSamples(direction, distance, like(self.irradiance, position).expand_as(position))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,25 +166,24 @@ class ConstantEnvironment:
     is_delta = False
 
     def __post_init__(self):
-        _triple(self, "radiance", least=0.0)
+        triple(self, "radiance", least=0.0)
 
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
     ) -> LightSamples:
         """See `Light.sample`; directions are distributed as the cosine."""
         direction, cosine = cosine_hemisphere(normal, square)
-        irradiance = math.pi * _like(self.radiance, position) / cosine[:, None]
+        irradiance = math.pi * like(self.radiance, position) / cosine[:, None]
         return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
 
     def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
         """See `Environment.radiance_from`."""
-        return _like(self.radiance, direction).expand_as(direction)
+        return like(self.radiance, direction).expand_as(direction)
 
-    def unoccluded(self, eta: float) -> Float[Tensor, "3"]:
-        """Irradiance that enters a surface which nothing shadows [W/m²]: π L F_dt(eta)."""
-        radiance = self.radiance
-        assert isinstance(radiance, Tensor)
-        return math.pi * fresnel.F_dt(eta) * radiance
+    def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
+        """See `Environment.unoccluded`: π L F_dt(eta) for every normal."""
+        share = math.pi * fresnel.F_dt(eta)
+        return lambda normal: share * like(self.radiance, normal).expand_as(normal)
 
 
 def cosine_hemisphere(
@@ -181,12 +222,13 @@ def basis(normal: Float[Tensor, "P 3"]) -> tuple[Float[Tensor, "P 3"], Float[Ten
     return tangent, bitangent
 
 
-def _like(value: Triple, other: Tensor) -> Tensor:
+def like(value: Triple, other: Tensor) -> Tensor:
+    """A field that `triple` has checked, in the dtype and on the device of `other`."""
     assert isinstance(value, Tensor)
     return value.to(other)
 
 
-def _triple(light: object, field: str, least: float = -math.inf) -> Tensor:
+def triple(light: object, field: str, least: float = -math.inf) -> Tensor:
     """The field as a tensor of three finite numbers, which takes the field's place."""
     value = getattr(light, field)
     if not isinstance(value, Tensor):

@@ -1,12 +1,12 @@
 """Light that enters the surface at points: every light, with shadows and Fresnel."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
-from texsss.light.emitters import ConstantEnvironment, Environment, Light
+from texsss.light.emitters import Environment, Light
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
@@ -45,6 +45,7 @@ def irradiance(
             f"and {area_samples} for areas."
         )
     generator = torch.Generator().manual_seed(seed)
+    known = [light.unoccluded(eta) if isinstance(light, Environment) else None for light in lights]
     parts = []
     rows = chunks(len(points), CHUNK)
     for k, row in enumerate(rows):
@@ -56,7 +57,7 @@ def irradiance(
             else:
                 count = environment_samples if isinstance(light, Environment) else area_samples
                 squares = _squares(count, len(site.position), seed + number, generator)
-            total = total + _from_light(light, site, eta, occluder, squares, cancel)
+            total = total + _from_light(light, site, eta, occluder, squares, known[number], cancel)
         parts.append(total)
         if progress is not None:
             progress("light", (k + 1) / len(rows))
@@ -119,6 +120,7 @@ def _from_light(
     eta: float,
     occluder: Occluder | None,
     squares: Iterable[Tensor],
+    known: Callable[[Tensor], Tensor] | None,
     cancel: Cancel | None,
 ) -> Float[Tensor, "P 3"]:
     """Entered irradiance of one light, the mean over `squares`: per sample, (P, 2) in 0..1²."""
@@ -137,10 +139,11 @@ def _from_light(
         unshadowed = unshadowed + entering
         free = _visible(occluder, site, seen.direction, seen.distance, lit & horizon)
         total = total + entering * free[:, None]
-    if isinstance(light, ConstantEnvironment):
-        # the unshadowed sum is known in closed form: their ratio is exact where nothing is hidden
-        known = light.unoccluded(eta).to(total)
-        return known * total / torch.where(unshadowed > 0, unshadowed, torch.ones_like(unshadowed))
+    if known is not None:
+        # the unshadowed sum is known: the ratio of the sampled ones is exact where nothing is hidden
+        return (
+            known(site.normal) * total / torch.where(unshadowed > 0, unshadowed, torch.ones_like(unshadowed))
+        )
     return total / count
 
 

@@ -20,6 +20,8 @@ from texsss.profiles.slab import Coefficients, layers_of, light_in, shape
 from texsss.profiles.two_modes import TwoModes, two_modes
 from texsss.types import Float, Tensor
 
+_NEAR_SIGMA, _NEAR_S = 6.0, 12.0
+
 Pair = tuple[Tensor, Tensor]
 Matrix = tuple[Tensor, Tensor, Tensor, Tensor]  # row-major 2×2
 
@@ -97,7 +99,7 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
         else:
             forms = [shape(decay, layer.d, light) for decay in here.decay]
             if below is None:
-                B1, B2 = _boundary(layer, s, bottom)
+                B1, B2 = _face(layers[::-1], s, bottom, bottom.gamma)
                 admittance = (B1, s.new_zeros(()), s.new_zeros(()), B2)
                 scale = 1.0
             else:  # D of the layer below over D here
@@ -123,8 +125,8 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
             )
         admittance = here.out_of(gamma)
         below = layer
-    b1, b2 = _boundary(layers[0], s, top)
-    e1, e2 = _exit(layers[0], s, top)
+    b1, b2 = _face(layers, s, top, top.gamma)
+    e1, e2 = _face(layers, s, top, top.delta)
     w1, w2 = top.w
     chi = _inverse((admittance[0] + b1, admittance[1], admittance[2], admittance[3] + b2))
     chi = (chi[0] * w1 * e1 + chi[1] * w2 * e2, chi[2] * w1 * e1 + chi[3] * w2 * e2)
@@ -148,7 +150,7 @@ def _uncoupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoMod
             else:
                 form = shape(decay, layer.d, light)
                 if below is None:
-                    G = _boundary(layer, s, bottom)[m]
+                    G = _face(layers[::-1], s, bottom, bottom.gamma)[m]
                 else:
                     G = layer.sigma / below.sigma * (below.eta / layer.eta) ** 2 * admittance
                 passed = form.sech / (1 + G * form.th)
@@ -156,7 +158,7 @@ def _uncoupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoMod
                 response = light.source * (light.down * form.P + light.up * form.Q) + passed * lower
                 admittance = squared * form.th + form.sech * passed * G
             below = layer
-        b, e = _boundary(layers[0], s, top)[m], _exit(layers[0], s, top)[m]
+        b, e = _face(layers, s, top, top.gamma)[m], _face(layers, s, top, top.delta)[m]
         total = total + top.w[m] * e / (admittance + b) * response
     return total
 
@@ -190,18 +192,23 @@ def _conjugated(M: Matrix, k1: Tensor, k2: Tensor, det: Tensor) -> Matrix:
     return (p - k1 * r) / det, (q - k1 * s) / det, (k2 * p + r) / det, (k2 * q + s) / det
 
 
-def _boundary(layer: Coefficients, s: Tensor, modes: TwoModes) -> Pair:
-    """What the boundary lets out of each mode, over D [1/mm]."""
-    return tuple(
-        b * torch.sqrt((layer.sigma / mu) ** 2 + gamma * s[:, None] ** 2)
-        for b, mu, gamma in zip(modes.b, modes.mu, modes.gamma, strict=True)
-    )
+def _face(layers: list[Coefficients], s: Tensor, modes: TwoModes, growth: tuple[float, float]) -> Pair:
+    """What the face of the first of `layers` lets out of each mode, over D there [1/mm].
 
-
-def _exit(layer: Coefficients, s: Tensor, modes: TwoModes) -> Pair:
+    It depends on the extinction that light has near the face: the mean over the first mean free path,
+    so that a layer that vanishes takes its influence with it.
+    """
+    sigma = layers[0].sigma
+    left = torch.ones_like(sigma)
+    weight, near = 1e-20 * left, 1e-20 * sigma
+    for layer in layers:
+        share = left if layer.d is None else -left * torch.expm1(-(_NEAR_SIGMA * layer.sigma + _NEAR_S * s[:, None]) * layer.d)
+        weight, near = weight + share, near + layer.sigma * share
+        left = left - share
+    near = near / weight  # of a thin slab only what is there counts
     return tuple(
-        b * torch.sqrt((layer.sigma / mu) ** 2 + delta * s[:, None] ** 2)
-        for b, mu, delta in zip(modes.b, modes.mu, modes.delta, strict=True)
+        sigma / near * b * torch.sqrt((near / mu) ** 2 + grown * s[:, None] ** 2)
+        for b, mu, grown in zip(modes.b, modes.mu, growth, strict=True)
     )
 
 

@@ -30,7 +30,8 @@ class Spans:
 
     def texels_per_face(self, faces: int) -> Float[Tensor, " F"]:
         """How many texels each face has. float64."""
-        return torch.bincount(self.face, weights=self.length.double(), minlength=faces)
+        # .double() again: without any spans bincount forgets its weights' type
+        return torch.bincount(self.face, weights=self.length.double(), minlength=faces).double()
 
     def expanded(self) -> tuple[Int[Tensor, " N"], Int[Tensor, " N"]]:
         """Number of the span and texel, for every texel of every span in order."""

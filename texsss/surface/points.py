@@ -108,6 +108,12 @@ class TexelMaps:
         return len(self.points)
 
     @property
+    def index(self) -> Int[Tensor, " P"]:
+        """Row-major index i·W + j of every texel, int64."""
+        assert self.points.texel is not None, "texels of an atlas know their place"
+        return self.points.texel.long()
+
+    @property
     def covered_count(self) -> int:
         """How many of the points are covered texels; they come first."""
         return int(self.covered.sum())

@@ -17,8 +17,8 @@ def uv_corners(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Int[Ten
     return torch.from_numpy(number.reshape(-1, 3)).to(faces.device)
 
 
-def edges(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "E 3 2"]:
-    """Directed edges (3F) of all faces as (start, stop), in the order of corners."""
+def edges(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F 3 2"]:
+    """Directed edges of all faces as (start, stop), in the order of corners."""
     return torch.stack([faces, faces.roll(-1, 1)], -1)
 
 
