@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from texsss.pipeline import Baker
+from texsss.baker import Baker
 from texsss.scene import Scene
 
 HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head"

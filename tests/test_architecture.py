@@ -25,14 +25,16 @@ MAY_IMPORT = {
     "transport": BASE | {"surface", "media", "light", "profiles", "transport"},
     "view": BASE | {"surface", "media", "light", "view"},
     "cache": {"errors", "types"},
-    "scene": {"errors", "types"},
-    "resolve": ROOMS | {"scene"},
+    "specs": {"errors", "types"},
+    "scene": {"errors", "types", "specs"},
+    "resolve": ROOMS | {"scene", "specs"},
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
     "estimate": ROOMS | {"scene", "resolve"},
     "pipeline": ROOMS | {"scene", "resolve", "cache", "result", "report"},
-    "cli": {"pipeline", "estimate", "scene", "types", "errors", "cache"},
-    "__init__": ROOMS | {"scene", "pipeline", "result"},
+    "baker": {"types", "scene", "cache", "result", "pipeline"},
+    "cli": {"baker", "estimate", "scene", "types", "errors", "cache"},
+    "__init__": set(),
 }
 
 

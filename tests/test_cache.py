@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from texsss.cache import Kept, StageCache, content_key
-from texsss.scene import AtlasSpec
+from texsss.specs import AtlasSpec
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from texsss.baker import Baker, bake
 from texsss.errors import AssetError, Cancelled, ShapeError, Unavailable
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
-from texsss.pipeline import STAGE_VERSIONS, Baker, bake
+from texsss.pipeline import STAGE_VERSIONS
 from texsss.profiles.hankel import hankel_profiles
 from texsss.scene import Scene
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from texsss import scene as module
 from texsss.errors import AssetError, DomainError, TexsssError
-from texsss.scene import Scene, Source, migrate
+from texsss.scene import Scene, migrate
+from texsss.specs import Source
 
 
 def test_empty_data_is_the_default_scene():

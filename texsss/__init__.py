@@ -5,7 +5,7 @@ from importlib import import_module
 _HOMES = {
     "AssetError": "errors",
     "Baked": "result",
-    "Baker": "pipeline",
+    "Baker": "baker",
     "ConvergenceError": "errors",
     "DomainError": "errors",
     "GaussianSum": "profiles.gaussians",
@@ -15,11 +15,11 @@ _HOMES = {
     "ShapeError": "errors",
     "Stack": "media.stack",
     "TexsssError": "errors",
-    "bake": "pipeline",
+    "bake": "baker",
     "fit_gaussians": "profiles.fit",
     "hankel_profiles": "profiles.hankel",
     "preset": "media.presets",
-    "render": "pipeline",
+    "render": "baker",
 }
 
 __all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -116,7 +116,7 @@ def bake(
         Console().print(table)
         return
     writable(out)
-    from texsss.pipeline import Baker  # torch takes its time: not for --help
+    from texsss.baker import Baker  # torch takes its time: not for --help
 
     with shown_progress() as progress:
         baked = Baker().bake(scene, progress=progress)
@@ -154,7 +154,7 @@ def render(
         exposure=exposure,
         tonemap=tonemap,
     )
-    from texsss.pipeline import Baker
+    from texsss.baker import Baker
 
     writable(out.parent)
     with shown_progress() as progress:

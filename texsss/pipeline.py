@@ -52,42 +52,7 @@ STAGE_VERSIONS = {
 """Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
 
 
-class Baker:
-    """Runs the stages of scenes in order and keeps their results, at most `cache_bytes` in all.
-
-    Not for use from several threads at once. Raises TexsssError: whatever a stage says of its input.
-    """
-
-    def __init__(self, cache_bytes: int = 4 << 30):
-        self.cache = StageCache(cache_bytes)
-
-    def bake(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
-        """The baked scene. `progress` hears (stage, fraction); `cancel` is asked between steps.
-
-        Raises Cancelled: when `cancel` says so; nothing is lost of what was already kept.
-        """
-        return _Run(self.cache, scene, progress, cancel).baked()
-
-    def render(
-        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
-    ) -> Float[Tensor, "h w 3"]:
-        """The scene's picture, linear RGB. As `bake` otherwise."""
-        return _Run(self.cache, scene, progress, cancel).picture
-
-
-def bake(scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
-    """The baked scene, by a fresh `Baker`."""
-    return Baker().bake(scene, progress=progress, cancel=cancel)
-
-
-def render(
-    scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
-) -> Float[Tensor, "h w 3"]:
-    """The scene's picture, linear RGB, by a fresh `Baker`."""
-    return Baker().render(scene, progress=progress, cancel=cancel)
-
-
-class _Run:
+class Run:
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
     def __init__(self, cache: StageCache, scene: Scene, progress: Progress | None, cancel: Cancel | None):

@@ -16,7 +16,8 @@ from texsss.light.emitters import ConstantEnvironment, DirectionalLight, Light, 
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
-from texsss.scene import (
+from texsss.scene import Scene
+from texsss.specs import (
     CameraSpec,
     DirectionalSpec,
     EnvironmentSpec,
@@ -25,7 +26,6 @@ from texsss.scene import (
     MeshSpec,
     Mix,
     PointSpec,
-    Scene,
     Source,
     StudioSpec,
 )

@@ -1,0 +1,226 @@
+"""The parts of a scene, each with its defaults; units are in the names."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NonNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Unit = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
+Count = Annotated[int, Field(strict=True)]
+Vector = tuple[Number, Number, Number]
+Colour = tuple[NonNegative, NonNegative, NonNegative]
+
+
+class Model(BaseModel):
+    """Frozen, and closed to unknown fields."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class Source(Model):
+    """Where bytes come from: exactly one of a file, an uploaded asset (sha256) or a builtin asset."""
+
+    path: str | None = None
+    asset: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    builtin: str | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> "Source":
+        given = [name for name in ("path", "asset", "builtin") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"expected exactly one of path, asset, builtin, got {given or 'none'}")
+        return self
+
+
+def _as_source(value: Any) -> Any:
+    return {"path": str(value)} if isinstance(value, str | Path) else value
+
+
+SourceField = Annotated[Source, BeforeValidator(_as_source)]
+
+
+class MeshSpec(Model):
+    """The mesh file, how long one of its units is [mm] (None: assumed, and said), and which way is up."""
+
+    source: SourceField
+    unit_mm: Positive | None = None
+    up: Literal["y", "z"] = "y"
+
+
+def _as_mesh(value: Any) -> Any:
+    return {"source": value} if isinstance(value, str | Path) else value
+
+
+MeshField = Annotated[MeshSpec, BeforeValidator(_as_mesh)]
+"""A mesh, or the path of its file alone."""
+
+
+class AtlasSpec(Model):
+    """The lightmap's texture coordinates: the author's where they qualify (`auto`), or made by xatlas."""
+
+    uv: Literal["auto", "source", "xatlas"] = "auto"
+    size: Annotated[Count, Field(ge=16, le=8192)] = 1024
+    padding_texels: Annotated[Count, Field(ge=0, le=64)] = 5
+
+
+class MapSpec(Model):
+    """An image in the author's texture coordinates. `srgb` is decoded; data maps are `linear`."""
+
+    source: SourceField
+    space: Literal["srgb", "linear"] = "linear"
+    channel: Literal["rgb", "r", "g", "b", "a", "luminance"] = "rgb"
+
+
+class MapValue(Model):
+    """A coefficient or thickness painted in a map: 0 and 1 of the map mean the ends of `range`."""
+
+    map: str
+    range: tuple[NonNegative, NonNegative] = (0.0, 1.0)
+    invert: bool = False
+
+
+class MediumSpec(Model):
+    """A preset, or coefficients [1/mm]; a map as coefficient varies over the surface."""
+
+    preset: str | None = None
+    sigma_a_per_mm: NonNegative | Colour | MapValue | None = None
+    sigma_s_per_mm: NonNegative | Colour | MapValue | None = None
+    g: Number | Vector = 0.0
+    eta: Annotated[Number, Field(ge=1, le=3)] = 1.3
+
+    @model_validator(mode="after")
+    def _preset_or_coefficients(self) -> "MediumSpec":
+        given = [value is not None for value in (self.sigma_a_per_mm, self.sigma_s_per_mm)]
+        if any(given) if self.preset is not None else not all(given):
+            raise ValueError("expected either preset, or both sigma_a_per_mm and sigma_s_per_mm")
+        return self
+
+
+class Mix(Model):
+    """Two media blended by a mask: 0 is the first, 1 the second."""
+
+    mix: tuple[str, str]
+    mask: str
+
+
+class LayerSpec(Model):
+    """A medium (a name in `media`, or a preset) and its thickness [mm]; None is infinite (the last only)."""
+
+    medium: str | Mix = "skin1"
+    thickness_mm: Positive | MapValue | None = None
+
+
+class SurfaceSpec(Model):
+    """What lies on top: albedo and normal maps by name in `maps`, microfacet roughness.
+
+    `albedo_mode` says where the albedo applies: before diffusion, after it, or its root at both.
+    With an albedo map, profiles are normalised to total 1 per channel, unless `normalise` says
+    otherwise: else skin would darken twice.
+    """
+
+    albedo: str | None = None
+    albedo_mode: Literal["pre", "post", "both"] = "post"
+    normalise: bool | None = None
+    normal: str | None = None
+    normal_y: Literal["+y", "-y"] = "+y"
+    roughness: Unit | str = 0.4
+    specular: Unit | str = 1.0
+
+
+class MaterialSpec(Model):
+    """A stack of layers, outermost first, and the surface on it."""
+
+    layers: Annotated[tuple[LayerSpec, ...], Field(min_length=1, max_length=64)] = (LayerSpec(),)
+    surface: SurfaceSpec = SurfaceSpec()
+
+
+def _as_material(value: Any) -> Any:
+    return {"layers": [{"medium": value}]} if isinstance(value, str) else value
+
+
+MaterialField = Annotated[MaterialSpec, BeforeValidator(_as_material)]
+"""A material, or the name of its only medium."""
+
+
+class PointSpec(Model):
+    """A point light: position [mm], intensity [W/sr]."""
+
+    type: Literal["point"] = "point"
+    position_mm: Vector
+    intensity_w_per_sr: Colour = (1.0, 1.0, 1.0)
+
+
+class DirectionalSpec(Model):
+    """A distant light: direction towards it, irradiance on a plane that faces it [W/m²]."""
+
+    type: Literal["directional"] = "directional"
+    direction: Vector
+    irradiance_w_per_m2: Colour = (3.0, 3.0, 3.0)
+
+
+class EnvironmentSpec(Model):
+    """Light from everywhere: one radiance [W/(m² sr)]."""
+
+    type: Literal["environment"] = "environment"
+    radiance: Colour = (1.0, 1.0, 1.0)
+
+
+class StudioSpec(Model):
+    """Key, rim and fill placed around the object and scaled to it, as a photographer would."""
+
+    type: Literal["studio"] = "studio"
+    intensity: NonNegative = 1.0
+
+
+LightSpec = Annotated[
+    Union[PointSpec, DirectionalSpec, EnvironmentSpec, StudioSpec],  # noqa: UP007
+    Field(discriminator="type"),
+]
+
+
+class CameraSpec(Model):
+    """Where the picture is taken from. With `fit`, from `direction`, so that the object fills the frame."""
+
+    fit: bool = True
+    direction: Vector = (0.0, 0.0, 1.0)
+    position_mm: Vector | None = None
+    target_mm: Vector | None = None
+    fov_y_deg: Annotated[Number, Field(ge=1, le=150)] = 35.0
+    resolution: tuple[Annotated[Count, Field(ge=1, le=8192)], Annotated[Count, Field(ge=1, le=8192)]] = (
+        800,
+        600,
+    )
+    samples: Annotated[Count, Field(ge=1, le=64)] = 9
+
+    @model_validator(mode="after")
+    def _placed(self) -> "CameraSpec":
+        if not self.fit and (self.position_mm is None or self.target_mm is None):
+            raise ValueError("expected position_mm and target_mm when fit is false")
+        if not any(self.direction):
+            raise ValueError("expected a direction other than zero")
+        return self
+
+
+class MethodsSpec(Model):
+    """Which method computes each stage; all are named, so that they can be compared."""
+
+    profile: Literal["dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3"] = (
+        "layered-sp3"
+    )
+    diffusion: Literal["none", "uv", "surface", "octree", "poisson", "parallax"] = "uv"
+    rule: Literal["exit", "entry", "geometric-mean"] = "exit"
+    terms: Annotated[Count, Field(ge=1, le=32)] = 8
+    incidence: Literal["diffuse", "normal"] = "diffuse"
+    single_scattering: Literal["none", "uniform", "exact"] = "none"
+    transmission: bool = False
+
+
+class OutputSpec(Model):
+    """How radiance becomes a picture."""
+
+    exposure_ev: Annotated[Number, Field(ge=-30, le=30)] = 0.0
+    tonemap: Literal["linear", "agx", "aces"] = "agx"
+    background: Colour | None = None
