@@ -38,9 +38,11 @@ def look_up(planes, size, x, y):
 
 
 @no_type_check
-def meet(ray, light, planes, size, g, t, phase, on_surface=False):
-    """At depth t [mm] along the ray: boundary depths under M, the way KM the light came inside, the
-    boundaries along it, and the share scattered to the eye per layer (phase × irradiance, relative).
+def meet(ray, light, planes, size, g, t, phase):
+    """At t [mm] down the ray: boundary depths under M, the way KM the light came inside, the boundaries
+    along it, the share scattered to the eye per layer and g (phase × irradiance, relative), and cosθ.
+
+    `g` (layers, 1 or channels), with points behind where it is a map; the share is a list alike.
 
     The plane the light enters through turns from the tangent plane at P into the fitted plane as
     M moves from the start to the end of the ray.
@@ -61,18 +63,14 @@ def meet(ray, light, planes, size, g, t, phase, on_surface=False):
     way = height * shrink / cosine  # ‖K'M‖
     mx, my = x + t * dx, y + t * dy
     depth = look_up(planes, size, mx, my)
-    if on_surface:
-        inner = depth
-    else:
-        reach = way * stretch
-        entry = look_up(planes, size, mx + reach * (aside_x - near * dx), my + reach * (aside_y - near * dy))
-        inner = [0.5 * (m + k) for m, k in zip(depth, entry)]
-    boundary = [d / cosine for d in inner]
+    reach = way * stretch
+    entry = look_up(planes, size, mx + reach * (aside_x - near * dx), my + reach * (aside_y - near * dy))
+    boundary = [0.5 * (m + k) / cosine for m, k in zip(depth, entry)]
     # a light half as far from M as from P is four times as bright
     arrives = (first + (second - first) * (fraction * nearer).clamp_max(1.0)) * stretch * stretch
     arrives = torch.where(facing > 0, arrives, 0.0)
     straight = (light_view + near) * stretch  # ω_in · ω_o
-    share = [[arrives * scattered(straight, k, phase) for k in layer] for layer in g]
+    share = [[arrives * scattered(straight, k, phase) for k in layer.unbind(0)] for layer in g.unbind(0)]
     return depth, way, boundary, share, cosine
 
 
@@ -90,16 +88,16 @@ def scattered(cosine, g, phase):
 
 
 @no_type_check
-def optical(way, boundary, sigma_t, channel):
+def optical(way, boundary, sigma_t):
     """Optical depth over the first `way` [mm] of a path that crosses `boundary`s [mm]: 0 below the last
-    one, unless there is a layer more than boundaries."""
+    one, unless there is a layer more than boundaries. `sigma_t`: per layer [1/mm]."""
     layers = len(sigma_t)
     total = 0.0
     for i in range(len(boundary)):
-        below = sigma_t[i + 1][channel] if i + 1 < layers else 0.0
-        total = total + (sigma_t[i][channel] - below) * torch.minimum(way, boundary[i])
+        below = sigma_t[i + 1] if i + 1 < layers else 0.0
+        total = total + (sigma_t[i] - below) * torch.minimum(way, boundary[i])
     if layers > len(boundary):
-        total = total + sigma_t[-1][channel] * way
+        total = total + sigma_t[-1] * way
     return total
 
 
@@ -110,9 +108,3 @@ def mean_transmission(start, end, at_start, at_end):
     small = x.abs() < SERIES
     series = at_start * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6)))))
     return torch.where(small, series, (at_start - at_end) / torch.where(small, 1.0, x))
-
-
-@no_type_check
-def split(grid):
-    """A tensor (A, B, …) as a list of lists."""
-    return [list(row.unbind(0)) for row in grid.unbind(0)]

@@ -1,34 +1,25 @@
 """Single scattering in layers of varying thickness, seen from an eye: at texels or at camera hits."""
 
-from collections.abc import Callable, Iterator
-from typing import Any, Literal
+from collections.abc import Iterator
 
 import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError, ShapeError
-from texsss.light.emitters import Light, LightSamples
+from texsss.light.emitters import Light
 from texsss.light.irradiance import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
-from texsss.transport.march.compiled import compiled as compiled_kernel
+from texsss.transport.march.gatherer import CHUNK, COMPILED_CHUNK, Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
-from texsss.transport.march.kernel import look_up
 from texsss.transport.march.noise import Noise, draw
 from texsss.transport.march.planes import Planes, fit_planes, plane_radius, tangent_planes
-from texsss.transport.march.samples import sample_step
-from texsss.transport.march.segments import exact_start, exact_step, tail
-from texsss.transport.march.setup import Reach, Sites, Surface, knots, light_scalars, reach, view_rays
+from texsss.transport.march.setup import Surface, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
-CHUNK = 1 << 16  # points at a time, eager
-COMPILED_CHUNK = 1 << 15  # what stays in cache beside the maps
 MOST_SAMPLES = 10_000
-
-Method = Literal["exact", "uniform"]
-Phase = Literal["henyey-greenstein", "schlick"]
 
 
 def march(
@@ -78,7 +69,7 @@ def march(
     surface = Surface(mesh, planes, check_uv(mesh, uv, interior))
     if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
         compiled = False
-    gather = _Gather(interior, method, samples, phase, compiled)
+    gather = Gatherer(interior, method, samples, phase, compiled)
     generator = torch.Generator().manual_seed(seed)
     rows = chunks(len(points), COMPILED_CHUNK if compiled else CHUNK)
     parts = []
@@ -103,77 +94,6 @@ def march(
         if progress is not None:
             progress("march", (k + 1) / len(rows))
     return torch.cat(parts)
-
-
-class _Gather:
-    """The part of the march that depends on rays and light alone, for one interior."""
-
-    def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, fast: bool):
-        self.interior, self.method, self.samples, self.phase, self.fast = interior, method, samples, phase, fast
-        self.far: Reach = reach(interior)
-        self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
-        home = interior.sigma_t
-        self._size = [home.new_tensor(float(n)) for n in self.size]
-        self._planes = [d.reshape(-1).contiguous() for d in interior.depth.unbind(-1)]
-        g = interior.g
-        # one value for all channels is looked at once
-        self._g = g[..., :1] if g.shape[-1] > 1 and bool((g.detach() == g.detach()[..., :1]).all()) else g
-        self._run: Callable[[Any], Any] = compiled_kernel if fast else (lambda kernel: kernel)
-
-    def __call__(self, ray: Tensor, light: Tensor, jitter: Tensor | None) -> Float[Tensor, "P C"]:
-        """Radiance inside per unit of irradiance that enters [1/sr]."""
-        count = ray.shape[1]
-        if self.fast and count < COMPILED_CHUNK:
-            # one shape, one compilation
-            missing = COMPILED_CHUNK - count
-            ray, light = (torch.cat([x, x[:, -1:].expand(-1, missing)], 1) for x in (ray, light))
-            jitter = None if jitter is None else torch.nn.functional.pad(jitter, (0, missing))
-        ray, light = ray.contiguous(), light[:8].contiguous()
-        if self.method == "exact":
-            total, optical = self._exact(ray, light)
-        else:
-            total, optical = self._uniform(ray, light, jitter)
-        if self.interior.bottomless:
-            maps = self._coefficients(ray, ray[4])
-            total = self._run(tail)(ray, light, self._planes, self._size, *maps, optical, total, self.phase)
-        return torch.stack(total, -1)[:count]
-
-    def _exact(self, ray: Tensor, light: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        steps = knots(ray[4], self.samples, self.far.rate) * ray[4]
-        total = optical = [torch.zeros_like(ray[0])] * self.interior.sigma_t.shape[-1]
-        start = self._coefficients(ray, steps[0])
-        state = self._run(exact_start)(ray, light, self._planes, self._size, start[2], self.phase)
-        for k in range(self.samples):
-            end = self._coefficients(ray, steps[k + 1])
-            s, t, _ = (0.5 * (a + b) for a, b in zip(start, end))
-            args = (s, t, end[2], steps[k], steps[k + 1], state, optical, total, self.phase)
-            state, optical, total = self._run(exact_step)(ray, light, self._planes, self._size, *args)
-            start = end
-        return total, optical
-
-    def _uniform(self, ray: Tensor, light: Tensor, jitter: Tensor | None) -> tuple[list[Tensor], list[Tensor]]:
-        step = ray[4] / self.samples
-        total = optical = [torch.zeros_like(ray[0])] * self.interior.sigma_t.shape[-1]
-        run = self._run(sample_step)
-        for k in range(self.samples):
-            t = step * k if jitter is None else (step * (k + jitter)).clamp_min(0)
-            args = (*self._coefficients(ray, t), t, step, optical, total, self.phase)
-            optical, total = run(ray, light, self._planes, self._size, *args)
-        return total, optical
-
-    def _coefficients(self, ray: Tensor, t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """σs, σt and g, (L, C) or, where they are maps, (L, C, P) under M(t)."""
-        fields = (self.interior.sigma_s, self.interior.sigma_t, self._g)
-        found = []
-        for field in fields:
-            if field.ndim == 2:
-                found.append(field)
-                continue
-            maps = field.flatten(0, 1).flatten(1).unbind(-1)
-            values = look_up(maps, self._size, ray[0] + t * ray[2], ray[1] + t * ray[3])
-            found.append(torch.stack(values).reshape(*field.shape[-2:], -1))
-        s, e, g = found
-        return s, e, g
 
 
 def _planes(mesh: Mesh, interior: Interior) -> Planes:

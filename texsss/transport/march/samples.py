@@ -4,30 +4,29 @@ from typing import no_type_check
 
 import torch
 
-from texsss.transport.march.kernel import meet, optical, split
+from texsss.transport.march.kernel import optical
 
 
 @no_type_check
-def sample_step(ray, light, planes, size, sigma_s, sigma_t, g, t, step, optical0, total, phase):
-    """One sample at t [mm] that stands for `step` mm: optical depth of the view ray after it, light so far.
+def sample(sigma_s, sigma_t, below, step, found, passed, total):
+    """One sample that stands for `step` mm: optical depths of the view ray after it, light so far, per channel.
 
+    `sigma_s`, `sigma_t` (layers, channels) [1/mm], with points behind where they are maps. `below`:
+    depth of M under the surface [mm]; `found`: what `meet` found at M.
     Source: François et al. 2006, Algorithm 1, with n samples instead of n + 1.
     """
-    sigma_s, sigma_t = split(sigma_s), split(sigma_t)
-    depth, way, boundary, share, _ = meet(ray, light, planes, size, split(g), t, phase)
-    layers, channels = len(sigma_t), len(sigma_t[0])
-    below = t * ray[6]
-    within = [below < d for d in depth]  # above boundary i; rising with i
-    gathered, passed = [], []
-    for c in range(channels):
-        if layers > len(depth):
-            extinction, source = sigma_t[-1][c], sigma_s[-1][c] * share[-1][min(c, len(share[-1]) - 1)]
-        else:
-            extinction = source = 0.0
+    depth, way, boundary, share, _ = found
+    layers = len(share)
+    within = [below < d for d in depth]  # above boundary i, and then above all that follow
+    gathered, reached = [], []
+    for c, (scattering, extinction) in enumerate(zip(sigma_s.unbind(1), sigma_t.unbind(1))):
+        scattering, extinction = scattering.unbind(0), extinction.unbind(0)
+        source = [s * p[min(c, len(p) - 1)] for s, p in zip(scattering, share)]
+        here, gain = (extinction[-1], source[-1]) if layers > len(depth) else (0.0, 0.0)
         for i in reversed(range(len(depth))):
-            extinction = torch.where(within[i], sigma_t[i][c], extinction)
-            source = torch.where(within[i], sigma_s[i][c] * share[i][min(c, len(share[i]) - 1)], source)
-        left = torch.exp(-optical0[c] - optical(way, boundary, sigma_t, c))
-        gathered.append(total[c] + source * left * step)
-        passed.append(optical0[c] + extinction * step)
-    return passed, gathered
+            here = torch.where(within[i], extinction[i], here)
+            gain = torch.where(within[i], source[i], gain)
+        left = torch.exp(-passed[c] - optical(way, boundary, extinction))
+        gathered.append(total[c] + gain * left * step)
+        reached.append(passed[c] + here * step)
+    return reached, gathered
