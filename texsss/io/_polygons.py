@@ -67,5 +67,5 @@ def _is_ear(flat: np.ndarray, i: int, j: int, k: int, left: list[int]) -> bool:
     return not inside.any()
 
 
-def _cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _cross(p: np.ndarray, q: np.ndarray) -> np.ndarray | np.floating:
     return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]

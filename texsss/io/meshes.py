@@ -24,6 +24,7 @@ READERS: dict[MeshFormat, Callable[[bytes], RawMesh]] = {
 MAX_BYTES = 2 << 30
 LARGEST_MM, SMALLEST_MM = 1e9, 1e-12
 THINNEST = 1e-7  # height over longest side, below which a triangle has no normal in float32
+SAME = 2.0**-24  # of the longest side: vertices this close coincide
 FAR = 1e3  # centres farther from the origin than so many diagonals lose digits in float32
 
 # rows of the rotation that takes the axis named to +y
@@ -65,7 +66,7 @@ class MeshNotes:
 def read_mesh(
     source: Path | str | bytes,
     *,
-    unit_mm: float | None = None,
+    unit_mm: float | int | None = None,
     up: Up = "y",
     file_type: str | None = None,
     name: str | None = None,
@@ -75,7 +76,7 @@ def read_mesh(
     `source`: a path, or a file's bytes, whose kind is told from their content (`file_type` is a hint).
     `unit_mm`: millimetres per unit of the file. If None: metres for glTF, as it prescribes; millimetres
     for STL, as printers have it; else by the longest side: metres below 3 units, centimetres below 300,
-    else millimetres. `up`: the file's axis that points up. Vertices merge where they coincide exactly;
+    else millimetres. `up`: the file's axis that points up. Vertices merge where float32 cannot tell them apart;
     texture coordinates stay per corner, v down whatever the format says. Faces keep the file's order;
     triangles without area are dropped. Other files that the mesh refers to are never opened.
     Raises AssetError: when the file is missing, unreadable, no mesh, or no surface; when vertices or texture
@@ -92,7 +93,8 @@ def read_mesh(
                 f"expected up as one of {', '.join(UPRIGHT)}, got {up!r}", "name the axis that points up"
             )
         kind = mesh_format(data, file_type or Path(name).suffix)
-        return _finished(READERS[kind](data), kind, unit_mm, up, Path(name).stem)
+        unit = None if unit_mm is None else float(unit_mm)
+        return _finished(READERS[kind](data), kind, unit, up, Path(name).stem)
     except Fault as fault:
         raise fault.named(name) from None
 
@@ -203,24 +205,39 @@ def _check_finite(points: np.ndarray, uv: np.ndarray | None) -> None:
         )
 
 
+def _coinciding(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which vertices stand for all, in the file's order, and which of those stands for each.
+
+    Vertices coincide in cells of `SAME` of the longest side, which float32 cannot tell apart: exporters that
+    compute both sides of a seam get 0 on one and 1e-16 on the other. A second grid, off by half a cell,
+    catches those that the first one parts.
+    """
+    cell = SAME * float(np.ptp(points, axis=0).max())
+    low = points.min(0)
+    kept, number = np.arange(len(points)), np.arange(len(points))
+    for shift in (0.5, 0.0):
+        cells = np.floor((points[kept] - low) / cell + shift).astype(np.int32)
+        packed = np.ascontiguousarray(cells).view(np.dtype((np.void, 12)))[:, 0]
+        _, first, where = np.unique(packed, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        kept, number = kept[first[order]], rank[where.reshape(-1)][number]
+    return kept, number
+
+
 def _merged(
     points: np.ndarray, faces: np.ndarray, uv: np.ndarray | None
 ) -> tuple[np.ndarray, torch.Tensor | None, np.ndarray, int]:
     """Faces, uv and vertices, in float32, with coinciding vertices made one and flat faces dropped."""
-    single = points.astype(np.float32) + np.float32(0)  # −0 and 0 coincide
-    packed = np.ascontiguousarray(single).view(np.dtype((np.void, 12)))[:, 0]
-    _, first, number = np.unique(packed, return_index=True, return_inverse=True)
-    # in the order in which the file has them
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    vertices, faces = single[first[order]], rank[number.reshape(-1)][faces]
+    kept, number = _coinciding(points)
+    vertices, faces = points[kept].astype(np.float32), number[faces]
     corners = vertices.astype(np.float64)[faces]
     edges = np.roll(corners, -1, 1) - corners
     doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
-    kept = doubled > THINNEST * (edges**2).sum(-1).max(-1)
-    if not kept.any():
+    sound = doubled > THINNEST * (edges**2).sum(-1).max(-1)
+    if not sound.any():
         raise Fault("no triangle has any area", "give a mesh with a surface")
-    used, faces = _compact(vertices, faces[kept])
-    texture = None if uv is None else torch.from_numpy(uv[kept].astype(np.float32))
-    return faces, texture, used, int((~kept).sum())
+    used, faces = _compact(vertices, faces[sound])
+    texture = None if uv is None else torch.from_numpy(uv[sound].astype(np.float32))
+    return faces, texture, used, int((~sound).sum())

@@ -10,7 +10,7 @@ from texsss.surface.topology import components, shared_edges
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 ROUNDS = 6  # of taking overlapping faces out of their chart; what still overlaps then stands alone
-TEST_SIZE = 2048  # texels along the square in which a chart's overlaps are looked for
+TEST_SIZES = (512, 2048)  # texels along the square in which a chart's overlaps are looked for, by its faces
 
 
 def projected_uv(
@@ -48,7 +48,7 @@ def projected_uv(
             chart = torch.where(folded, len(chart) + torch.arange(len(chart)), chart)
             chart = torch.unique(chart, return_inverse=True)[1]
     check_cancelled(cancel)
-    uv, padding = pack(flat.numpy(), chart.numpy(), size, padding_texels)
+    uv, padding = pack(flat.numpy(), chart.numpy(), size, float(padding_texels))
     if progress is not None:
         progress("unwrap", 1.0)
     return torch.from_numpy(uv).to(mesh.vertices), padding
@@ -76,6 +76,7 @@ def _projected(corners: Tensor, axis: Tensor, positive: Tensor) -> Tensor:
 
 def _folded(flat: Tensor, chart: Tensor) -> Tensor:
     """Faces that lie on top of others of their chart. Packed charts don't meet, so one raster tells."""
-    uv, _ = pack(flat.numpy(), chart.numpy(), TEST_SIZE, 1.0)
-    claims = spans(snapped(torch.from_numpy(uv), (TEST_SIZE, TEST_SIZE)), (TEST_SIZE, TEST_SIZE))
+    side = min(max(int(8 * len(chart) ** 0.5), TEST_SIZES[0]), TEST_SIZES[1])
+    uv, _ = pack(flat.numpy(), chart.numpy(), side, 1.0)
+    claims = spans(snapped(torch.from_numpy(uv), (side, side)), (side, side))
     return disjoint(claims).texels_per_face(len(chart)) < claims.texels_per_face(len(chart))

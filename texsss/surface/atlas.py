@@ -74,7 +74,7 @@ def make_atlas(
     *,
     size: int | tuple[int, int] = 1024,
     padding_texels: int = 5,
-    timeout_s: float = 90.0,
+    timeout_s: float | int = 90.0,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Atlas:
@@ -101,7 +101,7 @@ def make_atlas(
     side = min(shape)
     if uv != "fallback":
         texture, why = xatlas_uv(
-            mesh, side, padding_texels, timeout_s=timeout_s, progress=progress, cancel=cancel
+            mesh, side, padding_texels, timeout_s=float(timeout_s), progress=progress, cancel=cancel
         )
         if texture is not None:
             atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", float(padding_texels), messages)

@@ -19,7 +19,7 @@ def rasterise(
     atlas_uv: Float[Tensor, "F 3 2"],
     size: tuple[int, int],
     *,
-    gutter_texels: float = 2.2,
+    gutter_texels: float | int = 2.2,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> TexelMaps:
@@ -43,7 +43,7 @@ def rasterise(
     _report(progress, 0.3)
     inside, inside_texel = _covered_points(grid, claims, size, cancel)
     _report(progress, 0.7)
-    around, around_texel = _gutter_points(mesh, atlas_uv, grid, claims, size, gutter_texels, cancel)
+    around, around_texel = _gutter_points(mesh, atlas_uv, grid, claims, size, float(gutter_texels), cancel)
     _report(progress, 1.0)
     points = Points(
         torch.cat([inside.face, around.face]),

@@ -1,10 +1,13 @@
 """Who borders whom: edges, charts, open and non-manifold places."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from texsss.surface.mesh import Mesh
 from texsss.types import Float, Int, Tensor
 
 
@@ -45,3 +48,49 @@ def components(count: int, pairs: Int[Tensor, "N 2"]) -> Int[Tensor, " count"]:
 def charts(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Int[Tensor, " F"]:
     """The chart of every face: faces belong together when they share an edge in uv."""
     return components(faces.shape[0], shared_edges(uv_corners(faces, uv)))
+
+
+@dataclass(frozen=True)
+class Edges:
+    """How many edges there are, by the faces that meet in them.
+
+    `open`: one; `non_manifold`: more than two; `inconsistent`: two that turn against each other.
+    """
+
+    count: int
+    open: int
+    non_manifold: int
+    inconsistent: int
+
+
+def edge_report(faces: Int[Tensor, "F 3"]) -> Edges:
+    """The edges of a surface by how many faces meet in them."""
+    both = edges(faces.long()).reshape(-1, 2)
+    low, high = both.amin(-1), both.amax(-1)
+    forward = both[:, 0] < both[:, 1]
+    _, number, count = torch.unique(
+        low * (int(faces.max()) + 1) + high, return_inverse=True, return_counts=True
+    )
+    ahead = torch.zeros_like(count).index_add(0, number, forward.long())
+    return Edges(
+        count=len(count),
+        open=int((count == 1).sum()),
+        non_manifold=int((count > 2).sum()),
+        inconsistent=int(((count == 2) & (ahead != 1)).sum()),
+    )
+
+
+def closed_volume(mesh: Mesh, part: Int[Tensor, " F"]) -> Float[Tensor, " N"]:
+    """Signed volume [mm³] of every connected part; 0 for open ones, below 0 where inside out. float64."""
+    corners = mesh.corners.detach().double()
+    middle = (corners.amax((0, 1)) + corners.amin((0, 1))) / 2
+    a, b, c = (corners - middle).unbind(1)
+    volume = (a * torch.linalg.cross(b, c)).sum(-1) / 6
+    count = int(part.max()) + 1
+    total = torch.zeros(count, dtype=volume.dtype, device=volume.device).index_add(0, part, volume)
+    both = edges(mesh.faces.long()).reshape(-1, 2)
+    code = both.amin(-1) * mesh.vertices.shape[0] + both.amax(-1)
+    _, number, meet = torch.unique(code, return_inverse=True, return_counts=True)
+    rim = (meet[number] == 1).reshape(-1, 3).any(-1)
+    is_open = torch.zeros(count, device=part.device).index_add(0, part, rim.float()) > 0
+    return torch.where(is_open, 0.0, total)
