@@ -20,7 +20,8 @@ from texsss.profiles.slab import Coefficients, layers_of, light_in, shape
 from texsss.profiles.two_modes import TwoModes, two_modes
 from texsss.types import Float, Tensor
 
-_NEAR_SIGMA, _NEAR_S = 6.0, 12.0
+# a face feels the extinction at depth z as e^-(3 σ + 8 s) z: of the rates tried, the best on thin tops
+_NEAR_SIGMA, _NEAR_S = 3.0, 8.0
 
 Pair = tuple[Tensor, Tensor]
 Matrix = tuple[Tensor, Tensor, Tensor, Tensor]  # row-major 2×2
@@ -202,7 +203,11 @@ def _face(layers: list[Coefficients], s: Tensor, modes: TwoModes, growth: tuple[
     left = torch.ones_like(sigma)
     weight, near = 1e-20 * left, 1e-20 * sigma
     for layer in layers:
-        share = left if layer.d is None else -left * torch.expm1(-(_NEAR_SIGMA * layer.sigma + _NEAR_S * s[:, None]) * layer.d)
+        share = (
+            left
+            if layer.d is None
+            else -left * torch.expm1(-(_NEAR_SIGMA * layer.sigma + _NEAR_S * s[:, None]) * layer.d)
+        )
         weight, near = weight + share, near + layer.sigma * share
         left = left - share
     near = near / weight  # of a thin slab only what is there counts

@@ -101,7 +101,9 @@ def _distinct(
     """The distinct rows of a table, batch (U,), and which of them every texel has."""
     device = table.sigma_a.device
     if not table.batch:
-        return table.of([x[None] for x in table.fields]), torch.zeros(points or 1, dtype=torch.int32, device=device)
+        return table.of([x[None] for x in table.fields]), torch.zeros(
+            points or 1, dtype=torch.int32, device=device
+        )
     table = table.of([x.reshape(-1, *x.shape[-2:]) for x in table.fields])
     count = table.batch[0]
     if table.requires_grad:  # a shared row would pass its gradient to one texel only

@@ -1,0 +1,165 @@
+"""Stacks of multipoles by an algebra of Gaussians on a grid of variances: `fit="grid"`, to compare with.
+
+Every pole becomes four Gaussians; every Gaussian is split between the two nearest of {v, 2v, …, 50v}.
+Convolution of two profiles is then a product of polynomials, and the bounces between layers a series
+of them. Terms beyond the cap gather in the last one, so that weight is kept.
+Source: Mayorga 2008, A Combined Approach to Subsurface Scattering; poles by d'Eon et al. 2007. The paper
+leaves the pole's unit of variance open: v0 = z² / (1 + x), x = sigma_tr |z|, found numerically, is within
+1.2 % at x = 1 and 2.2 % at 4.
+"""
+
+import math
+
+import torch
+
+from texsss.errors import DomainError
+from texsss.media.stack import LayerTable
+from texsss.profiles.dipole import egan_A
+from texsss.profiles.gaussians import GaussianSum
+from texsss.profiles.multipole import PAIRS, neighbours, poles_of
+from texsss.types import Float, Tensor
+
+STEP = 0.05  # v [mm²]
+TERMS = 50  # of the grid
+CAP = 100  # of a product
+NINE = (0.05, 0.10, 0.15, 0.20, 1.0, 2.0, 5.0, 10.0, 50.0)  # what is evaluated in the end [mm²]
+UNITS = (0.2304, 0.7225, 2.6569, 13.6)  # variances of a pole over v0
+NEGLIGIBLE = 1e-4  # bounces are summed until so little weight remains
+
+
+def grid_gaussians(
+    table: LayerTable, pairs: int = PAIRS, drop_below_mfp: float | None = None, sparse: bool = True
+) -> tuple[GaussianSum, GaussianSum]:
+    """R and T of a stack as sums of Gaussians: nine terms, or up to 100 unless `sparse`.
+
+    `table`: rows of any batch. `drop_below_mfp`: a layer thinner than so many mean free paths is taken
+    for absent, as the paper does at 1.5; this looks at the mean over rows and channels.
+    Differentiable in the coefficients. Raises DomainError: when every layer is dropped.
+    """
+    kept = [k for k in range(len(table.eta)) if not _thin(table, k, drop_below_mfp)]
+    if not kept:
+        raise DomainError(
+            f"grid: expected a layer of at least {drop_below_mfp} mean free paths, got none; "
+            "lower drop_below_mfp."
+        )
+    whole = None
+    for k in reversed(kept):
+        slab = _layer(table, kept, k, pairs)
+        whole = slab if whole is None else _over(slab, whole)
+    variances = STEP * torch.arange(1, CAP + 1).to(whole[0])
+    results = [GaussianSum(variances, side) for side in (whole[0], whole[1])]
+    if sparse:
+        nine = torch.tensor(NINE).to(variances)
+        results = [GaussianSum(nine, split(x.variances, x.weights, nine)) for x in results]
+    return results[0], results[1]
+
+
+def pole_weights(x: Float[Tensor, "..."]) -> list[Tensor]:
+    """Weights C_1 … C_4 of a pole's Gaussians over its power, at x = sigma_tr |z|.
+
+    They sum to 2π within 3 %. Source: d'Eon et al. 2007, appendix.
+    """
+    x = x.clamp_min(1e-4)  # the quotients are smooth there, and exact to 1e-4
+    e = torch.exp
+    return [
+        -0.3454 - 1.2422 * torch.expm1(-0.7452 * x) / x,
+        5.34071 * (-torch.expm1(-0.716 * x) * (0.9029 * x - 0.7401) / x + 0.90295 * e(-0.7165 * x)),
+        10.2416
+        * (
+            -torch.expm1(-1.0961 * x) * (0.242 * x + 0.1804) / x
+            - 0.00244 * e(-1.0961 * x) * (0.2041 * x + 0.1752)
+        ),
+        23.185
+        * (
+            -torch.expm1(-1.433 * x) * (0.0505 - 0.0395 * x) / x
+            + 0.04425 * e(-1.433 * x) * (0.09187 * x + 0.06034)
+        ),
+    ]
+
+
+def split(
+    variances: Float[Tensor, "*M"], weights: Float[Tensor, "*B M C"], grid: Float[Tensor, " G"]
+) -> Float[Tensor, "*B G C"]:
+    """Gaussians shared between the two nearest variances of `grid` each, keeping weight and mean variance.
+
+    Below the grid all goes to its first term, beyond to its last. `variances` (M,) or (..., M, C).
+    """
+    v = variances if variances.ndim > 1 else variances[:, None].expand(weights.shape[-2:])
+    v = v.expand_as(weights)
+    upper = torch.searchsorted(grid, v.detach().contiguous()).clamp(1, len(grid) - 1)
+    low, high = grid[upper - 1], grid[upper]
+    share = ((v - low) / (high - low)).clamp(0, 1)
+    shape = (*weights.shape[:-2], len(grid), weights.shape[-1])
+    out = torch.zeros(shape, dtype=weights.dtype, device=weights.device)
+    return out.scatter_add(-2, upper - 1, weights * (1 - share)).scatter_add(-2, upper, weights * share)
+
+
+def multiply(a: Float[Tensor, "*B G C"], b: Float[Tensor, "*B G C"]) -> Float[Tensor, "*B G C"]:
+    """Convolution of two profiles on the grid, capped: term i is the Gaussian of variance (i + 1) v."""
+    out = torch.zeros_like(a)
+    for i in range(CAP - 1):
+        room = CAP - 1 - i  # variances (i + 1) v + (j + 1) v land in term i + j + 1
+        term = a[..., i : i + 1, :] * b
+        out = out + torch.nn.functional.pad(term[..., :room, :], (0, 0, i + 1, 0))
+        out = out + torch.nn.functional.pad(term[..., room:, :].sum(-2, keepdim=True), (0, 0, CAP - 1, 0))
+    last = a[..., CAP - 1 :, :] * b.sum(-2, keepdim=True)
+    return out + torch.nn.functional.pad(last, (0, 0, CAP - 1, 0))
+
+
+def _layer(table: LayerTable, kept: list[int], k: int, pairs: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """R+, T+, R-, T- of one layer on the grid, (..., CAP, C) each."""
+    place = kept.index(k)
+    above, below = neighbours(tuple(table.eta[i] for i in kept), place)
+    sigma_a, d = table.sigma_a[..., k, :], table.thickness[..., k, :]
+    sigma_s = table.sigma_s[..., k, :] * (1 - table.g[..., k, :])
+    sigma = (sigma_a + sigma_s).clamp_min(1e-6)
+    l, sigma_tr = 1 / sigma, torch.sqrt(3 * sigma_a * sigma + 1e-24)
+    z_b0, z_bd = 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
+    if table.bottomless and k == len(table.eta) - 1:
+        poles = [(l, 1.0), (-l - 2 * z_b0, -1.0)]
+        R = _on_grid(poles, sigma_s * l, sigma_tr)
+        return R, torch.zeros_like(R), torch.zeros_like(R), torch.zeros_like(R)
+    plus, minus = poles_of(l, d, z_b0, z_bd, pairs), poles_of(l, d, z_bd, z_b0, pairs)
+    sides = (plus.reflected, plus.transmitted, minus.reflected, minus.transmitted)
+    return tuple(_on_grid(side, sigma_s * l, sigma_tr) for side in sides)
+
+
+def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor) -> Tensor:
+    variances, weights = [], []
+    for z, sign in poles:
+        x = sigma_tr * z.abs()
+        v0 = z**2 / (1 + x)
+        power = sign * torch.sign(z) * albedo / 2 * torch.exp(-x) / (2 * math.pi)
+        for unit, C in zip(UNITS, pole_weights(x), strict=True):
+            variances.append(unit * v0)
+            weights.append(C * power)
+    grid = STEP * torch.arange(1, TERMS + 1).to(albedo)
+    terms = split(torch.stack(variances, -2), torch.stack(weights, -2), grid)
+    return torch.nn.functional.pad(terms, (0, 0, 0, CAP - TERMS))
+
+
+def _over(upper, lower) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """One slab on another; the series 1 + R2 R1 + (R2 R1)² + … is cut by the weight that remains."""
+    once = multiply(lower[0], upper[2])
+    series, power = once, once
+    while float(power.sum(-2).abs().max()) > NEGLIGIBLE:
+        power = multiply(power, once)
+        series = series + power
+
+    def bounced(x: Tensor) -> Tensor:
+        return x + multiply(x, series)
+
+    return (
+        upper[0] + bounced(multiply(multiply(upper[1], lower[0]), upper[3])),
+        bounced(multiply(upper[1], lower[1])),
+        lower[2] + bounced(multiply(multiply(lower[3], upper[2]), lower[1])),
+        bounced(multiply(lower[3], upper[3])),
+    )
+
+
+def _thin(table: LayerTable, k: int, limit: float | None) -> bool:
+    if limit is None or (table.bottomless and k == len(table.eta) - 1):
+        return False
+    reduced = table.sigma_s[..., k, :] * (1 - table.g[..., k, :])
+    depth = table.thickness[..., k, :] * (table.sigma_a[..., k, :] + reduced)
+    return float(depth.detach().mean()) < limit
