@@ -1,5 +1,6 @@
 """The pipeline as a whole: laws it keeps, what it redoes and what it keeps, how it stops."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -7,14 +8,50 @@ import torch
 
 from texsss.baker import Baker, bake
 from texsss.errors import AssetError, Cancelled, ShapeError, Unavailable
+from texsss.io.images import write_png
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
 from texsss.pipeline import STAGE_VERSIONS
 from texsss.profiles.hankel import hankel_profiles
 from texsss.scene import Scene
 
-SMALL = {"atlas": {"size": 128}, "camera": {"resolution": [64, 48], "samples": 1}}
 LAMP = {"type": "point", "position_mm": [300.0, 400.0, 700.0], "intensity_w_per_sr": [3.0, 3.0, 3.0]}
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory) -> dict:
+    """A painted torus on a small atlas: closed, curved, with seams, quick."""
+    folder = tmp_path_factory.mktemp("torus")
+    write_torus(folder / "torus.obj")
+    stripes = torch.rand(32, 32, 3, generator=torch.Generator().manual_seed(1)) * 0.6 + 0.3
+    write_png(folder / "albedo.png", stripes)
+    return {
+        "mesh": {"source": str(folder / "torus.obj"), "unit_mm": 1.0},
+        "maps": {"albedo": {"source": str(folder / "albedo.png"), "space": "srgb"}},
+        "material": {"layers": [{"medium": "skin1"}], "surface": {"albedo": "albedo"}},
+        "atlas": {"size": 128},
+        "camera": {"resolution": [64, 48], "samples": 1},
+    }
+
+
+def write_torus(
+    path: Path, around: int = 48, through: int = 24, radius: float = 60, tube: float = 20
+) -> None:
+    """A torus in the xz plane [mm] whose texture coordinates fill the square once."""
+    lines = []
+    for i in range(around):
+        for j in range(through):
+            a, b = 2 * math.pi * i / around, 2 * math.pi * j / through
+            r = radius + tube * math.cos(b)
+            lines.append(f"v {r * math.sin(a)} {tube * math.sin(b)} {r * math.cos(a)}")
+    lines += [f"vt {i / around} {j / through}" for i in range(around + 1) for j in range(through + 1)]
+    for i in range(around):
+        for j in range(through):
+            corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+            place = [(m % around) * through + n % through + 1 for m, n in corners]
+            texture = [m * (through + 1) + n + 1 for m, n in corners]
+            lines.append("f " + " ".join(f"{p}/{t}" for p, t in zip(place, texture)))
+    path.write_text("\n".join(lines))
 
 
 def head(shared_data: Path, size: int, material: str = "skin1", **more) -> Scene:
@@ -65,27 +102,27 @@ def test_resolutions_agree(shared_data):
     assert float((fine - coarse).square().mean().sqrt() / fine.square().mean().sqrt()) < 0.02
 
 
-def test_same_inputs_same_bytes():
-    scene = Scene.parse(SMALL)
+def test_same_inputs_same_bytes(small):
+    scene = Scene.parse(small)
     first, second = bake(scene), bake(scene)
     assert torch.equal(first.exitance, second.exitance)
     assert torch.equal(first.picture, second.picture)
 
 
-def test_no_diffusion_is_lambert():
+def test_no_diffusion_is_lambert(small):
     """With a normalised profile and no diffusion, M = albedo E."""
-    baked = bake(Scene.parse({**SMALL, "methods": {"diffusion": "none"}}))
+    baked = bake(Scene.parse({**small, "methods": {"diffusion": "none"}}))
     lambert = baked.texel_exitance / baked.texel_irradiance.clamp_min(1e-9)
     lit = baked.texel_irradiance.amin(-1) > 1e-3
     assert bool((lambert[lit] <= 1 + 1e-5).all()) and float(lambert[lit].std()) > 0.01
 
 
 @pytest.mark.parametrize("mode", ["pre", "post", "both"])
-def test_albedo_modes_agree_without_diffusion(mode):
+def test_albedo_modes_agree_without_diffusion(mode, small):
     surface = {"albedo": "albedo", "albedo_mode": mode}
     material = {"layers": [{"medium": "skin1"}], "surface": surface}
-    baked = bake(Scene.parse({**SMALL, "material": material, "methods": {"diffusion": "none"}}))
-    reference = bake(Scene.parse({**SMALL, "methods": {"diffusion": "none"}}))
+    baked = bake(Scene.parse({**small, "material": material, "methods": {"diffusion": "none"}}))
+    reference = bake(Scene.parse({**small, "methods": {"diffusion": "none"}}))
     torch.testing.assert_close(baked.texel_exitance, reference.texel_exitance, rtol=1e-5, atol=1e-6)
 
 
@@ -93,44 +130,44 @@ def made(baked) -> set[str]:
     return set(baked.report["seconds"])
 
 
-def test_edits_redo_what_they_change_and_no_more():
+def test_edits_redo_what_they_change_and_no_more(small):
     baker = Baker()
-    scene = Scene.parse(SMALL)
+    scene = Scene.parse(small)
     _ = baker.bake(scene).picture
     other_material = scene.model_copy(
         update={"material": Scene.parse({"mesh": "x", "material": "marble"}).material}
     )
-    moved_light = Scene.parse({**SMALL, "lights": [LAMP]})
-    exposed = Scene.parse({**SMALL, "output": {"exposure_ev": 1.0}})
+    moved_light = Scene.parse({**small, "lights": [LAMP]})
+    exposed = Scene.parse({**small, "output": {"exposure_ev": 1.0}})
     assert made(baker.bake(scene)) == set()
     assert made(baker.bake(other_material)) <= {"weights", "exitance", "light", "bank"}
     assert made(baker.bake(moved_light)) == {"light", "bank", "exitance"}
     assert made(baker.bake(exposed)) == set()
 
 
-def test_material_of_the_same_index_costs_no_blur():
+def test_material_of_the_same_index_costs_no_blur(small):
     baker = Baker()
     for medium in ("skin1", "skin2"):
         material = {"layers": [{"medium": medium}]}
-        baked = baker.bake(Scene.parse({**SMALL, "material": material}))
+        baked = baker.bake(Scene.parse({**small, "material": material}))
     assert made(baked) == {"weights", "exitance"}
 
 
-def test_full_cache_gives_the_same():
-    scene = Scene.parse(SMALL)
+def test_full_cache_gives_the_same(small):
+    scene = Scene.parse(small)
     assert torch.equal(Baker(cache_bytes=0).bake(scene).exitance, bake(scene).exitance)
 
 
-def test_progress_names_the_stages():
+def test_progress_names_the_stages(small):
     heard = []
-    _ = bake(Scene.parse(SMALL), progress=lambda stage, fraction: heard.append((stage, fraction))).picture
+    _ = bake(Scene.parse(small), progress=lambda stage, fraction: heard.append((stage, fraction))).picture
     assert {stage for stage, _ in heard} <= STAGE_VERSIONS.keys()
     assert all(0 <= fraction <= 1 for _, fraction in heard)
 
 
 @pytest.mark.parametrize("stage", ["mesh", "texels", "light", "bank"])
-def test_cancel_stops_and_keeps_what_was_done(stage):
-    baker, scene, seen = Baker(), Scene.parse(SMALL), []
+def test_cancel_stops_and_keeps_what_was_done(stage, small):
+    baker, scene, seen = Baker(), Scene.parse(small), []
 
     with pytest.raises(Cancelled):
         baker.bake(scene, progress=lambda name, _: seen.append(name), cancel=lambda: stage in seen)
@@ -138,8 +175,8 @@ def test_cancel_stops_and_keeps_what_was_done(stage):
     assert bool(torch.isfinite(baked.exitance).all())
 
 
-def test_images_are_full_squares_without_nan():
-    baked = bake(Scene.parse(SMALL))
+def test_images_are_full_squares_without_nan(small):
+    baked = bake(Scene.parse(small))
     for image in (baked.irradiance, baked.exitance, baked.radiance):
         assert image.shape == (128, 128, 3)
         assert bool(torch.isfinite(image).all())
@@ -147,20 +184,20 @@ def test_images_are_full_squares_without_nan():
     assert baked.coverage.shape == (128, 128) and baked.coverage.dtype == torch.bool
 
 
-def test_maps_need_texture_coordinates(tmp_path):
+def test_maps_need_texture_coordinates(tmp_path, small):
     path = tmp_path / "bare.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     albedo = {"source": {"builtin": "axolotl/albedo.png"}, "space": "srgb"}
     data = {"mesh": str(path), "maps": {"albedo": albedo}, "material": {"surface": {"albedo": "albedo"}}}
     with pytest.raises(ShapeError, match="no texture coordinates"):
-        bake(Scene.parse({**SMALL, **data}))
+        bake(Scene.parse({**small, **data}))
 
 
-def test_methods_to_come_are_refused_by_name():
+def test_methods_to_come_are_refused_by_name(small):
     with pytest.raises(Unavailable, match="octree"):
-        bake(Scene.parse({**SMALL, "methods": {"diffusion": "octree"}}))
+        bake(Scene.parse({**small, "methods": {"diffusion": "octree"}}))
 
 
-def test_unknown_builtin_lists_the_choices():
+def test_unknown_builtin_lists_the_choices(small):
     with pytest.raises(AssetError, match=r"axolotl/axolotl\.obj"):
-        bake(Scene.parse({**SMALL, "mesh": {"source": {"builtin": "../../etc/passwd"}}}))
+        bake(Scene.parse({**small, "mesh": {"source": {"builtin": "../../etc/passwd"}}}))
