@@ -10,7 +10,7 @@ from texsss.errors import DomainError, ShapeError
 from texsss.media import fresnel
 from texsss.types import Float, Tensor
 
-Coefficient = float | Sequence[float] | Tensor
+Coefficient = float | int | Sequence[float] | Tensor
 """A number, one value per channel (C,), a grey map (H, W) or a map per channel (H, W, C)."""
 
 

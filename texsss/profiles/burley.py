@@ -22,7 +22,7 @@ class Burley:
 
     @property
     def mean_free_path(self) -> Float[Tensor, "*B C"]:
-        """That of a half-space of this albedo and width under diffuse light [mm]: d (1.9 - A + 3.5 (A - .8)²)."""
+        """That of a half-space so wide under diffuse light [mm]: d (1.9 - A + 3.5 (A - .8)²)."""
         return self.d * (1.9 - self.albedo + 3.5 * (self.albedo - 0.8) ** 2)
 
     def evaluate(self, r: Float[Tensor, " R"]) -> Float[Tensor, "*B R C"]:

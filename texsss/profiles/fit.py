@@ -60,7 +60,7 @@ def fit_error(
     incidence: Incidence = "diffuse",
     highest: float | None = None,
 ) -> Float[Tensor, "*B C"]:
-    """√∫ r (R - fit)² dr / √∫ r R² dr, up to the frequency `highest` [1/mm]: 20 / mean free path unless told."""
+    """√∫ r (R - fit)² dr / √∫ r R² dr, up to `highest` [1/mm], 20 / mean free path unless told."""
     table = as_table(material).to(torch.float64)
     s, ds = graded(200, highest or 20 / _mean_free_path(table), grading=7.0)
     flat = flat_profile(table, s, side="reflectance", model=model, incidence=incidence)

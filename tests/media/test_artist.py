@@ -1,0 +1,88 @@
+"""Colour, skin and depth textures to media and back."""
+
+import pytest
+import torch
+
+from texsss.errors import DomainError, ShapeError
+from texsss.media.artist import from_colour, skin, to_colour
+from texsss.media.depths import depths_of, stack_from_depths
+from texsss.media.medium import Medium
+from texsss.media.phase import henyey_greenstein, schlick
+from texsss.media.presets import preset
+from texsss.media.stack import Stack
+
+
+def test_colour_and_mean_free_path_come_back():
+    colour = torch.tensor([0.01, 0.2, 0.5, 0.8, 0.97], dtype=torch.float64)
+    path = torch.tensor([0.1, 0.5, 1.0, 2.0, 8.0], dtype=torch.float64)
+    for g in (0.0, 0.7, -0.3):
+        medium = from_colour(colour, path, g)
+        seen, length = to_colour(medium)
+        torch.testing.assert_close(seen, colour, rtol=0, atol=1e-4)
+        torch.testing.assert_close(length, path)
+
+
+def test_ends_of_the_scale():
+    """Black scatters nothing, white absorbs nothing, to the digits of the printed fit."""
+    black, white = from_colour(0.0, 1.0), from_colour(1.0, 1.0)
+    assert float(black.sigma_s) < 1e-4 and float(white.sigma_a) < 1e-6
+
+
+def test_artist_inputs_are_checked():
+    with pytest.raises(DomainError, match="colour"):
+        from_colour(1.2, 1.0)
+    with pytest.raises(DomainError, match="mean free path"):
+        from_colour(0.5, 0.0)
+    with pytest.raises(DomainError, match="melanin"):
+        skin(melanin=1.5)
+
+
+def test_skin_darkens_with_melanin_and_reddens_with_blood():
+    pale, dark, flushed = (s.layers for s in (skin(0.02), skin(0.3), skin(0.02, blood=0.05)))
+    assert bool((dark[0].medium.sigma_a > pale[0].medium.sigma_a).all())
+    more = flushed[1].medium.sigma_a - pale[1].medium.sigma_a
+    assert float(more[0]) < 0.1 * float(more[1])  # red passes
+    varied = skin(torch.rand(3, 4), torch.rand(3, 4) * 0.05, torch.rand(3, 4) * 0.1)
+    assert varied.table().batch == (3, 4)
+
+
+def test_depth_textures_come_back():
+    texture = torch.rand(5, 6, 4).sort(-1).values
+    media = [preset("fish-dermis"), preset("fish-blood"), preset("fish-organs"), preset("fish-blood")]
+    for invert in (False, True):
+        source = 1 - texture if invert else texture
+        stack = stack_from_depths([source], media, (0.0, 3.0), invert=invert)
+        (back,) = depths_of(stack, (0.0, 3.0), invert=invert)
+        torch.testing.assert_close(back.to(source.dtype), source, rtol=0, atol=1e-6)
+    nine = [*media, *media, preset("skin1")]
+    layered = stack_from_depths([texture, texture], nine, (0.0, 2.0), infinite=True)
+    assert len(layered.layers) == 9 and layered.table().bottomless
+    # the second image lies above the first's last boundary: those layers are absent
+    assert float(layered.layers[4].thickness.max()) == 0
+
+
+def test_depth_textures_need_a_range_and_channels():
+    texture = torch.rand(2, 2, 1)
+    with pytest.raises(DomainError, match="range"):
+        stack_from_depths([texture], [preset("skin1")], (2.0, 1.0))
+    with pytest.raises(ShapeError, match="one channel for each of 2 layers"):
+        stack_from_depths([texture], [preset("skin1")] * 2, (0.0, 1.0))
+    with pytest.raises(ShapeError, match="one size"):
+        stack_from_depths([texture, torch.rand(3, 2, 1)], [preset("skin1")], (0.0, 1.0))
+    with pytest.raises(ShapeError, match="finite layer"):
+        depths_of(Stack(Medium(0.1, 1.0)), (0.0, 1.0))
+
+
+@pytest.mark.parametrize("g", [-0.5, 0.0, 0.8])
+def test_phase_functions_are_densities(g):
+    """∫ p dω = 1; the mean cosine of Henyey-Greenstein is g, of Schlick's .8 it is .63."""
+    cosine = torch.linspace(-1, 1, 20001, dtype=torch.float64)
+    k = torch.tensor(g, dtype=torch.float64)
+    for phase in (henyey_greenstein, schlick):
+        density = 2 * torch.pi * phase(cosine, k)
+        assert abs(float(torch.trapezoid(density, cosine)) - 1) < 2e-6
+        mean = float(torch.trapezoid(density * cosine, cosine))
+        if phase is henyey_greenstein:
+            assert abs(mean - g) < 2e-6
+        elif g == 0.8:
+            assert abs(mean - 0.63) < 0.005

@@ -1,0 +1,134 @@
+"""The published models: their closed forms, limits and the algebra on the grid."""
+
+import math
+
+import pytest
+import torch
+from profile_stacks import random_table
+
+from texsss.media.medium import Medium
+from texsss.media.presets import preset
+from texsss.media.stack import Layer, Stack
+from texsss.numerics.hankel import inverse_hankel
+from texsss.profiles.dipole import dipole, egan_A
+from texsss.profiles.fit import fit_gaussians
+from texsss.profiles.grid import CAP, grid_gaussians, multiply, pole_weights, split
+from texsss.profiles.hankel import hankel_profiles
+from texsss.profiles.multipole import multipole_slab, stacked
+
+S = torch.tensor([0.0, 0.2, 1.0, 5.0], dtype=torch.float64)
+
+
+def test_dipole_integrates_to_its_albedo():
+    """∫ R_d(r) 2πr dr = α'/2 (e^-σz_r + e^-σz_v)."""
+    medium = Medium(sigma_a=[0.1, 0.5], sigma_s=[1.0, 1.0])
+    r = torch.logspace(-4, 2, 4001, dtype=torch.float64)
+    total = torch.trapezoid(2 * torch.pi * r[:, None] * dipole(r, medium), r, dim=0)
+    z_r = medium.mean_free_path
+    z_v = z_r + 4 * egan_A(medium.eta) * medium.D_classical
+    expected = (
+        medium.albedo_prime / 2 * torch.exp(-medium.sigma_tr_classical * torch.stack([z_r, z_v])).sum(0)
+    )
+    # trapezoid error, O(h²)
+    torch.testing.assert_close(total, medium.albedo_prime / 2 * decay, rtol=1e-5, atol=0)
+
+
+def test_dipole_at_a_distance_is_the_inverse_of_its_transform():
+    medium = preset("skin1")
+    r = torch.tensor([0.01, 0.3, 2.0], dtype=torch.float64)
+    back = inverse_hankel(lambda s: hankel_profiles(medium, s, model="dipole")[0], r)
+    torch.testing.assert_close(back, dipole(r, medium), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("depth", [1.0, 1.5, 4.0])
+def test_closed_form_is_the_sum_of_all_poles(depth):
+    """Against ±50 pairs for slabs of at least a mean free path; unequal indices; measured 2e-16."""
+    medium = Medium([0.02, 0.1], [1.0, 1.4], 0.0, 1.4)
+    stack = Stack([Layer(medium, depth), Layer(Medium(0.02, 2.0, 0.0, 1.2), depth)])
+    for closed, explicit in zip(stacked(stack.table(), S), stacked(stack.table(), S, 50), strict=True):
+        torch.testing.assert_close(closed, explicit, rtol=0, atol=1e-10)
+
+
+def test_slab_at_a_distance_is_the_inverse_of_its_transform():
+    table = Stack([Layer(Medium(0.05, 1.0, 0.0, 1.4), 1.5)]).table()
+    r = torch.tensor([0.2, 1.0, 3.0], dtype=torch.float64)
+    R, T = multipole_slab(r, table, pairs=20)
+    for side, k in ((R, 0), (T, 1)):
+        back = inverse_hankel(lambda s, k=k: stacked(table, s)[k], r)
+        torch.testing.assert_close(side, back, rtol=1e-5, atol=1e-9)
+
+
+def test_thick_slab_is_a_dipole():
+    medium = Medium(0.3, 1.0, 0.0, 1.4)
+    thick, _ = hankel_profiles(Stack([Layer(medium, 60.0)]), S, model="multipole")
+    torch.testing.assert_close(thick, hankel_profiles(medium, S, model="dipole")[0], rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("bottomless", [True, False])
+def test_random_multipoles_are_finite_and_lose_light(bottomless):
+    table = random_table(300, 3, bottomless, 1.4, seed=1)
+    slab = stacked(table.to(torch.float32), S.float())
+    assert all(bool(torch.isfinite(x).all()) for x in slab)
+
+
+def test_transmission_is_the_same_both_ways_through_one_slab():
+    """T+ = T- only with equal boundaries; R+ = R- then, too."""
+    table = Stack([Layer(Medium(0.05, 1.0, 0.0, 1.3), 2.0)]).table()
+    slab = stacked(table, S)
+    torch.testing.assert_close(slab.T_plus, slab.T_minus)
+    torch.testing.assert_close(slab.R_plus, slab.R_minus)
+
+
+def test_better_dipole_is_single_plus_multiple():
+    medium = preset("skin2")
+    total, single, multiple = (
+        hankel_profiles(medium, S, model="better-dipole", scattering=x)[0]
+        for x in ("total", "single", "multiple")
+    )
+    torch.testing.assert_close(total, single + multiple)
+    # within a tenth of the accurate model, on skin
+    accurate = hankel_profiles(medium, S[:1], incidence="normal")[0]
+    better = hankel_profiles(medium, S[:1], model="better-dipole", incidence="normal")[0]
+    assert float((better / accurate - 1).abs().max()) < 0.12
+
+
+def test_poles_keep_their_power():
+    """The four weights add up to 2π within 3 % (d'Eon et al. 2007)."""
+    x = torch.tensor([0.001, 0.1, 0.5, 1.0, 2.0, 4.0], dtype=torch.float64)
+    assert float((sum(pole_weights(x)) / (2 * math.pi) - 1).abs().max()) < 0.03
+
+
+def test_splitting_keeps_weight_and_mean_variance():
+    grid = 0.05 * torch.arange(1, 51, dtype=torch.float64)
+    variances = torch.tensor([0.01, 0.05, 0.123, 1.0, 9.0], dtype=torch.float64)
+    weights = torch.rand(5, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    out = split(variances, weights, grid)
+    torch.testing.assert_close(out.sum(0), weights.sum(0))
+    inside = split(variances[1:4], weights[1:4], grid)
+    expected = (variances[1:4, None] * weights[1:4]).sum(0)
+    torch.testing.assert_close((grid[:, None] * inside).sum(0), expected)
+
+
+def test_grid_products_are_convolutions():
+    """Term i has variance (i + 1) v: weights multiply, variances add, and nothing is lost at the cap."""
+    a, b = torch.zeros(CAP, 1), torch.zeros(CAP, 1)
+    a[2], b[4], b[CAP - 1] = 0.5, 0.25, 0.1
+    out = multiply(a, b)
+    assert abs(float(out[7, 0]) - 0.125) < 1e-7 and abs(float(out[CAP - 1, 0]) - 0.05) < 1e-7
+    generator = torch.Generator().manual_seed(0)
+    a, b = torch.rand(CAP, 2, generator=generator), torch.rand(CAP, 2, generator=generator)
+    torch.testing.assert_close(multiply(a, b).sum(0), a.sum(0) * b.sum(0), rtol=1e-4, atol=0)
+
+
+def test_grid_reproduces_the_combination_it_stands_for():
+    """Total of Mayorga's algebra against the Hankel route of the same multipoles: 1.3 % here."""
+    layers = [Layer(Medium(0.01, 2.0, 0.0, 1.4), 2.0), Layer(Medium(0.3, 1.5, 0.0, 1.4))]
+    table = Stack(layers).table()
+    R, T = grid_gaussians(table)
+    assert abs(float(R.total) / float(stacked(table, S[:1]).R_plus) - 1) < 0.03
+    assert float(T.total) == 0 and len(R.variances) == 9
+    assert len(fit_gaussians(Stack(layers), fit="grid").variances) == 9
+    # ignoring the thin top leaves the layer beneath
+    dropped, _ = grid_gaussians(table, drop_below_mfp=10.0)
+    alone, _ = grid_gaussians(Stack(layers[1:]).table())
+    torch.testing.assert_close(dropped.weights, alone.weights)
