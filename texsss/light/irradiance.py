@@ -1,12 +1,13 @@
 """Light that enters the surface at points: every light, with shadows and Fresnel."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
+from texsss.light.smoothing import neighbours_mean
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
@@ -26,6 +27,7 @@ def irradiance(
     normals: Float[Tensor, "P 3"] | None = None,
     environment_samples: int = 64,
     area_samples: int = 16,
+    sharing: int = 16,
     seed: int = 0,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
@@ -36,32 +38,53 @@ def irradiance(
     mesh's shading normals (bump); light from below the horizon of the latter stays out. Gutter
     points see what the nearest point of their face sees. Lights that are not points are sampled
     `environment_samples` or `area_samples` times, in an order of their own at every point; the same
-    seed gives the same numbers. Differentiable in lights, vertices and `normals`, not in visibility.
+    seed gives the same numbers. Of environments, each point traces only every `sharing`-th sample and
+    takes the share of light that is not hidden from its `sharing` nearest neighbours, too (a blur of
+    a few texels; 1 traces all). Differentiable in lights, vertices and `normals`, not in visibility,
+    nor in an environment's image.
     Raises DomainError: when a number of samples is below 1. Raises Cancelled.
     """
-    if environment_samples < 1 or area_samples < 1:
+    if min(environment_samples, area_samples, sharing) < 1:
         raise DomainError(
-            f"irradiance: expected at least 1 sample per light, got {environment_samples} for environments "
-            f"and {area_samples} for areas."
+            f"irradiance: expected at least 1 of environment_samples, area_samples and sharing, got "
+            f"{environment_samples}, {area_samples} and {sharing}."
         )
     generator = torch.Generator().manual_seed(seed)
-    known = [light.unoccluded(eta) if isinstance(light, Environment) else None for light in lights]
-    parts = []
+    surroundings = [light for light in lights if isinstance(light, Environment)]
+    nearby = [light for light in lights if not isinstance(light, Environment)]
+    traced = -(-environment_samples // sharing)
+    parts, shares = [], []  # of light that arrives directly; of each environment, what is not hidden
     rows = chunks(len(points), CHUNK)
     for k, row in enumerate(rows):
         site = _Site(points[row], mesh, None if normals is None else normals[row])
         total = torch.zeros_like(site.position)
-        for number, light in enumerate(lights):
+        for number, light in enumerate(nearby):
             if light.is_delta:
-                squares = [site.position.new_zeros(len(site.position), 2)]
+                squares = [total.new_zeros(len(total), 2)]
             else:
-                count = environment_samples if isinstance(light, Environment) else area_samples
-                squares = _squares(count, len(site.position), seed + number, generator)
-            total = total + _from_light(light, site, eta, occluder, squares, known[number], cancel)
+                squares = _squares(area_samples, len(total), seed + number, generator)
+            total = total + _sampled(light, site, eta, occluder, squares, cancel)[0]
         parts.append(total)
+        free = [total.new_zeros(len(total), 0)]
+        for number, light in enumerate(surroundings):
+            squares = _squares(traced, len(total), seed + number, generator)
+            seen, whole = _sampled(light, site, eta, occluder, squares, cancel)
+            # light and shadow are the same samples: their ratio is exact where nothing is hidden
+            free.append(seen / torch.where(whole > 0, whole, torch.ones_like(whole)))
+        shares.append(torch.cat(free, 1))
         if progress is not None:
             progress("light", (k + 1) / len(rows))
-    return torch.cat(parts) if parts else mesh.vertices.new_zeros(0, 3)
+    if not parts:
+        return mesh.vertices.new_zeros(0, 3)
+    total = torch.cat(parts)
+    if surroundings:
+        normal = points.normal(mesh) if normals is None else normals
+        free = torch.cat(shares)
+        if sharing > 1 and occluder is not None:
+            free = neighbours_mean(points.position(mesh), points.normal(mesh), free, sharing)
+        for number, light in enumerate(surroundings):
+            total = total + light.unoccluded(eta)(normal) * free[:, 3 * number : 3 * number + 3]
+    return total
 
 
 class _Site:
@@ -114,16 +137,15 @@ def _dot(a: Float[Tensor, "P 3"], b: Float[Tensor, "P 3"]) -> Float[Tensor, " P"
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _from_light(
+def _sampled(
     light: Light,
     site: _Site,
     eta: float,
     occluder: Occluder | None,
     squares: Iterable[Tensor],
-    known: Callable[[Tensor], Tensor] | None,
     cancel: Cancel | None,
-) -> Float[Tensor, "P 3"]:
-    """Entered irradiance of one light, the mean over `squares`: per sample, (P, 2) in 0..1²."""
+) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
+    """Entered irradiance of one light with and without shadows, means over `squares` (P, 2) in 0..1²."""
     count = 0
     total, unshadowed = torch.zeros_like(site.position), torch.zeros_like(site.position)
     for square in squares:
@@ -132,19 +154,13 @@ def _from_light(
         seen = light.sample(site.position, site.normal, square.to(site.position))
         cosine = _dot(site.normal, seen.direction)
         lit = cosine > 0
-        horizon = _dot(site.smooth, seen.direction) > 0 if site.bumped else lit
+        horizon = (_dot(site.smooth, seen.direction) > 0) & lit if site.bumped else lit
         cosine = cosine.clamp_min(0)
         entering = seen.irradiance * (cosine * fresnel.transmittance(cosine, eta))[:, None]
-        entering = torch.where(lit[:, None], entering, torch.zeros_like(entering))
         unshadowed = unshadowed + entering
-        free = _visible(occluder, site, seen.direction, seen.distance, lit & horizon)
+        free = _visible(occluder, site, seen.direction, seen.distance, horizon)
         total = total + entering * free[:, None]
-    if known is not None:
-        # the unshadowed sum is known: the ratio of the sampled ones is exact where nothing is hidden
-        return (
-            known(site.normal) * total / torch.where(unshadowed > 0, unshadowed, torch.ones_like(unshadowed))
-        )
-    return total / count
+    return total / count, unshadowed / count
 
 
 def _visible(
@@ -169,6 +185,9 @@ def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> 
 
     One good set for all points, shifted at random from point to point (Cranley & Patterson 1976).
     """
+    if count == 1:
+        yield torch.rand(points, 2, generator=generator)
+        return
     shift = torch.rand(points, 2, generator=generator)
     for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
         yield torch.frac(common + shift)
