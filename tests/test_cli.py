@@ -1,14 +1,16 @@
 """The command line as a stranger meets it: files out, one sentence and exit code 2 for mistakes."""
 
 import json
-import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from texsss.cli import main
 
 FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
 
@@ -18,15 +20,33 @@ f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 2 3 7 6\nf 1 5 8 4
 """
 
 
-def texsss(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "texsss.cli", *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=300,
-        env=os.environ | {"COLUMNS": "400"},
-    )
+@dataclass
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def texsss(tmp_path, monkeypatch, capfd):
+    """Runs the command line in `tmp_path`, in this process."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+
+    def run(*args: object) -> Done:
+        with pytest.raises(SystemExit) as stopped:
+            main([str(argument) for argument in args])
+        code = stopped.value.code
+        return Done(0 if code is None else int(code), *capfd.readouterr())
+
+    return run
+
+
+def test_installed_command_says_what_it_does():
+    command = Path(sys.executable).with_name("texsss")
+    done = subprocess.run([command, "--help"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert all(word in done.stdout for word in ("bake", "render", "scene"))
 
 
 @pytest.fixture
@@ -36,7 +56,7 @@ def cube(tmp_path) -> Path:
     return path
 
 
-def test_bake_writes_the_six_files(cube, tmp_path):
+def test_bake_writes_the_six_files(texsss, cube, tmp_path):
     out = tmp_path / "out"
     done = texsss("bake", cube, "--material", "marble", "--unit-mm", 10, "--size", 64, "--out", out)
     assert done.returncode == 0, done.stderr
@@ -47,29 +67,33 @@ def test_bake_writes_the_six_files(cube, tmp_path):
     assert {"mesh", "atlas", "texels", "light", "bank", "weights", "exitance", "picture"} <= report[
         "seconds"
     ].keys()
-    preview = np.asarray(Image.open(out / "preview.png"))
-    assert preview.std() > 10, "a flat picture shows nothing"
+    with Image.open(out / "preview.png") as preview:
+        assert np.asarray(preview).std() > 10, "a flat picture shows nothing"
 
 
-def test_scene_init_renders(tmp_path):
+def test_scene_init_renders(texsss, cube, tmp_path):
     made = texsss("scene", "init")
     data = json.loads(made.stdout)
+    assert data["mesh"]["source"]["builtin"] == "axolotl/axolotl.obj"
+    data["mesh"]["source"] = {"path": "cube.obj"}
+    data["material"]["surface"]["albedo"] = None
     data["camera"]["resolution"] = [64, 48]
     data["atlas"]["size"] = 64
     data["camera"]["samples"] = 1
     (tmp_path / "scene.json").write_text(json.dumps(data))
-    done = texsss("render", "scene.json", "--out", "image.png", cwd=tmp_path)
+    done = texsss("render", "scene.json", "--out", "image.png")
     assert done.returncode == 0, done.stderr
-    assert Image.open(tmp_path / "image.png").size == (64, 48)
+    with Image.open(tmp_path / "image.png") as image:
+        assert image.size == (64, 48)
 
 
-def test_unit_left_out_is_said(cube, tmp_path):
+def test_unit_left_out_is_said(texsss, cube, tmp_path):
     done = texsss("bake", cube, "--size", 32, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert "unit" in done.stderr and "mm tall" in done.stderr
 
 
-def test_dry_run_bakes_nothing(cube, tmp_path):
+def test_dry_run_bakes_nothing(texsss, cube, tmp_path):
     done = texsss("bake", cube, "--size", 128, "--out", tmp_path / "out", "--dry-run")
     assert done.returncode == 0, done.stderr
     assert "texels" in done.stdout and "memory" in done.stdout and "seconds" in done.stdout
@@ -96,12 +120,12 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_one_sentence(name, tmp_path):
+def test_bad_input_is_one_sentence(texsss, name, tmp_path):
     text, options, says = BAD[name]
     if text is not None:
         (tmp_path / "mesh.obj").write_text(text)
     before = set(tmp_path.iterdir())
-    done = texsss("bake", "mesh.obj", *options, cwd=tmp_path)
+    done = texsss("bake", "mesh.obj", *options)
     assert done.returncode == 2, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
@@ -109,10 +133,10 @@ def test_bad_input_is_one_sentence(name, tmp_path):
     assert set(tmp_path.iterdir()) == before, "partial files were left"
 
 
-def test_malformed_scene_names_the_field(tmp_path):
+def test_malformed_scene_names_the_field(texsss, tmp_path):
     (tmp_path / "scene.json").write_text(
         '{"material": {"layers": [{"medium": "skin1", "thickness_mm": -1}]}}'
     )
-    done = texsss("render", "scene.json", cwd=tmp_path)
+    done = texsss("render", "scene.json")
     assert done.returncode == 2
     assert "material.layers.0.thickness_mm" in done.stderr

@@ -199,10 +199,10 @@ def shown_progress():
         yield progress
 
 
-def main() -> None:
-    """Runs the command line; a user's mistake is one sentence and exit code 2."""
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the command line and exits; a user's mistake is one sentence and exit code 2."""
     try:
-        app(standalone_mode=True)
+        app(args=arguments)
     except TexsssError as error:
         console.print(f"[red]error[/] {error}", highlight=False, markup=True, soft_wrap=True)
         sys.exit(EXIT_BAD_INPUT)
