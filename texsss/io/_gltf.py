@@ -100,7 +100,12 @@ class _Reader:
             raise Fault("expected triangles, found none in its scene", "give a mesh with a surface")
         if self.doc.get("skins") or self.doc.get("animations"):
             self.notes.append("skins and animations were left out: the mesh is in its rest pose")
-        return RawMesh(np.concatenate(vertices), np.concatenate(faces), self._joined(uv, faces), self.notes)
+        texture = self._joined(uv, faces)
+        if texture is not None and not self.doc.get("images"):
+            self.notes.append(
+                "it brings no map of its own: should yours land upside down, say that its v runs up"
+            )
+        return RawMesh(np.concatenate(vertices), np.concatenate(faces), texture, self.notes)
 
     def _joined(self, uv: list, faces: list) -> np.ndarray | None:
         lacking = sum(len(f) for f, t in zip(faces, uv) if t is None)

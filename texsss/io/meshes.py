@@ -17,6 +17,7 @@ from texsss.io.probe import MeshFormat, mesh_format
 from texsss.surface.mesh import Mesh
 
 Up = Literal["y", "z", "x", "-y", "-z", "-x"]
+VDirection = Literal["auto", "up", "down"]
 
 READERS: dict[MeshFormat, Callable[[bytes], RawMesh]] = {
     "obj": read_obj, "ply": read_ply, "stl": read_stl, "glb": read_glb, "gltf": read_gltf,
@@ -68,6 +69,7 @@ def read_mesh(
     *,
     unit_mm: float | int | None = None,
     up: Up = "y",
+    v: VDirection = "auto",
     file_type: str | None = None,
     name: str | None = None,
 ) -> tuple[Mesh, MeshNotes]:
@@ -76,13 +78,15 @@ def read_mesh(
     `source`: a path, or a file's bytes, whose kind is told from their content (`file_type` is a hint).
     `unit_mm`: millimetres per unit of the file. If None: metres for glTF, as it prescribes; millimetres
     for STL, as printers have it; else by the longest side: metres below 3 units, centimetres below 300,
-    else millimetres. `up`: the file's axis that points up. Vertices merge where float32 cannot tell them apart;
-    texture coordinates stay per corner, v down whatever the format says. Faces keep the file's order;
+    else millimetres. `up`: the file's axis that points up. Vertices merge where float32 cannot part them;
+    texture coordinates stay per corner and come out v down. `v`: which way the file's own v runs; `auto` as
+    its format prescribes, down in glTF and up elsewhere; some exporters of glTF get it wrong, and only the map
+    tells. Faces keep the file's order;
     triangles without area are dropped. Other files that the mesh refers to are never opened.
     Raises AssetError: when the file is missing, unreadable, no mesh, or no surface; when vertices or texture
     coordinates are not finite, or only some faces have the latter; when the size is not sensible.
     """
-    data, name = _bytes_of(source, name)
+    data, name = bytes_of(source, name)
     try:
         if unit_mm is not None and not (np.isfinite(unit_mm) and unit_mm > 0):
             raise Fault(
@@ -94,12 +98,16 @@ def read_mesh(
             )
         kind = mesh_format(data, file_type or Path(name).suffix)
         unit = None if unit_mm is None else float(unit_mm)
-        return _finished(READERS[kind](data), kind, unit, up, Path(name).stem)
+        raw = READERS[kind](data)
+        if raw.uv is not None and v != "auto" and (v == "down") != (kind in ("glb", "gltf")):
+            raw.uv[..., 1] = 1 - raw.uv[..., 1]
+        return _finished(raw, kind, unit, up, Path(name).stem)
     except Fault as fault:
         raise fault.named(name) from None
 
 
-def _bytes_of(source: Path | str | bytes, name: str | None) -> tuple[bytes, str]:
+def bytes_of(source: Path | str | bytes, name: str | None = None) -> tuple[bytes, str]:
+    """Content and name of a mesh file. Raises AssetError: when it is missing, too large or unreadable."""
     if isinstance(source, bytes):
         return source, name or "mesh"
     path = Path(source)
