@@ -47,6 +47,18 @@ def test_furnace_of_both():
     torch.testing.assert_close(radiance, torch.ones_like(radiance), atol=2e-3, rtol=0)
 
 
+def test_two_lobes_are_the_mean_of_each():
+    mesh, uv, hits = flat(20, torch.linspace(0.2, 1.0, 20))
+    image = torch.zeros(2, 2, 3)
+    for light in (DirectionalLight((-1.0, 0.2, 1.0), (1, 1, 1)), ConstantEnvironment((1, 1, 1))):
+
+        def seen(gloss: Gloss, light=light) -> torch.Tensor:
+            return shade(hits, mesh, uv, image, [light], gloss=gloss)
+
+        both = seen(Gloss(0.3, second=0.4, second_ratio=2.0))
+        torch.testing.assert_close(both, 0.6 * seen(Gloss(0.3)) + 0.4 * seen(Gloss(0.6)))
+
+
 def test_shadows_take_highlights_away():
     mesh = together(square(10.0), square(100.0, z=20.0))
     points = Points(torch.tensor([0]), torch.full((1, 3), 1 / 3))

@@ -68,6 +68,9 @@ class ImageEnvironment:
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """See `Environment.unoccluded`: summed for a grid of normals, bilinear between them."""
         image = self.image.detach().double()
+        if image.shape[1] < _CELLS:
+            height, width = _CELLS // 2, _CELLS
+            image = _looked_up(image, _centres(height, width)).reshape(height, width, 3)
         power = image * _solid_angle(*image.shape[:2])[:, None, None]
         light = _gathered(power, _CELLS).reshape(-1, 3)
         # the light of a cell comes from where it is in it: a sun need not be at the centre

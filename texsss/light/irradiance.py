@@ -53,7 +53,7 @@ def irradiance(
     surroundings = [light for light in lights if isinstance(light, Environment)]
     nearby = [light for light in lights if not isinstance(light, Environment)]
     traced = -(-environment_samples // sharing)
-    parts, shares = [], []  # of light that arrives directly; of each environment, what is not hidden
+    parts, shares = [], []  # light of the others; of each environment, with and without shadows
     rows = chunks(len(points), CHUNK)
     for k, row in enumerate(rows):
         site = _Site(points[row], mesh, None if normals is None else normals[row])
@@ -69,8 +69,7 @@ def irradiance(
         for number, light in enumerate(surroundings):
             squares = _squares(traced, len(total), seed + number, generator)
             seen, whole = _sampled(light, site, eta, occluder, squares, cancel)
-            # light and shadow are the same samples: their ratio is exact where nothing is hidden
-            free.append(seen / torch.where(whole > 0, whole, torch.ones_like(whole)))
+            free += [seen, whole]
         shares.append(torch.cat(free, 1))
         if progress is not None:
             progress("light", (k + 1) / len(rows))
@@ -83,7 +82,10 @@ def irradiance(
         if sharing > 1 and occluder is not None:
             free = neighbours_mean(points.position(mesh), points.normal(mesh), free, sharing)
         for number, light in enumerate(surroundings):
-            total = total + light.unoccluded(eta)(normal) * free[:, 3 * number : 3 * number + 3]
+            seen, whole = free[:, 6 * number : 6 * number + 3], free[:, 6 * number + 3 : 6 * number + 6]
+            # both are the same samples: where nothing is hidden their ratio is exactly 1
+            share = torch.where(whole > 0, seen / torch.where(whole > 0, whole, 1.0), 1.0)
+            total = total + light.unoccluded(eta)(normal) * share
     return total
 
 

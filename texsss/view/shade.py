@@ -25,15 +25,28 @@ class Gloss:
     """How the surface mirrors light.
 
     `roughness` 0..1 (perceptual; the microfacet width is its square) and `strength` ≥ 0, which scales
-    the highlight: numbers, or a value per hit (P,).
-    Raises DomainError: when roughness is outside 0..1 or strength negative.
+    the highlight: numbers, or a value per hit (P,). `second`: share 0..1 of a second lobe, whose
+    roughness is `second_ratio` × the first: skin is oil on a coarser surface, and one lobe cannot have
+    both its sharp core and its wide foot.
+    Raises DomainError: when roughness or second is outside 0..1, strength or ratio negative.
     """
 
     roughness: float | Tensor = 0.4
     strength: float | Tensor = 1.0
+    second: float | Tensor = 0.0
+    second_ratio: float = 1.6
+
+    @property
+    def lobes(self) -> list[tuple[float | Tensor, float | Tensor]]:
+        """Share and roughness of each lobe."""
+        if isinstance(self.second, float) and self.second == 0:
+            return [(1.0, self.roughness)]
+        coarse = torch.as_tensor(self.roughness * self.second_ratio).clamp(0, 1)
+        return [(1 - self.second, self.roughness), (self.second, coarse)]
 
     def __post_init__(self):
-        for name, most in (("roughness", 1.0), ("strength", math.inf)):
+        limits = (("roughness", 1.0), ("strength", math.inf), ("second", 1.0), ("second_ratio", math.inf))
+        for name, most in limits:
             low, high = (float(x) for x in torch.as_tensor(getattr(self, name)).detach().aminmax())
             if not (low >= 0 and high <= most):
                 raise DomainError(f"Gloss: expected {name} from 0 to {most:g}, got {low:g} to {high:g}.")
@@ -128,11 +141,14 @@ def _highlight(
     light: Light, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor]
 ) -> Float[Tensor, "P 3"]:
     """Mirrored radiance of a light that is sampled by itself."""
-    roughness = _per_hit(gloss.roughness, site.position[:, 0])
     total = torch.zeros_like(site.position)
+    like = site.position[:, 0]
     for square in squares:
         seen = light.sample(site.position, site.normal, square.to(site.position))
-        carried = ggx.reflection(site.normal, site.view, seen.direction, roughness, eta)
+        carried = torch.zeros_like(like)
+        for share, value in gloss.lobes:
+            lobe = ggx.reflection(site.normal, site.view, seen.direction, _per_hit(value, like), eta)
+            carried = carried + _per_hit(share, like) * lobe
         total = total + seen.irradiance * site.free(seen.direction, seen.distance, carried)[:, None]
     return total / len(squares)
 
@@ -141,13 +157,15 @@ def _mirrored(
     light: Environment, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor]
 ) -> Float[Tensor, "P 3"]:
     """Mirrored radiance of surroundings, looked up where the surface mirrors to."""
-    roughness = _per_hit(gloss.roughness, site.position[:, 0])
     total = torch.zeros_like(site.position)
+    like = site.position[:, 0]
     for square in squares:
-        direction, weight = ggx.sample_reflection(
-            site.normal, site.view, roughness, eta, square.to(site.position)
-        )
-        total = total + light.radiance_from(direction) * site.free(direction, None, weight)[:, None]
+        for share, value in gloss.lobes:
+            direction, weight = ggx.sample_reflection(
+                site.normal, site.view, _per_hit(value, like), eta, square.to(site.position)
+            )
+            carried = site.free(direction, None, _per_hit(share, like) * weight)
+            total = total + light.radiance_from(direction) * carried[:, None]
     return total / len(squares)
 
 
