@@ -80,8 +80,8 @@ def read_mesh(
     for STL, as printers have it; else by the longest side: metres below 3 units, centimetres below 300,
     else millimetres. `up`: the file's axis that points up. Vertices merge where float32 cannot part them;
     texture coordinates stay per corner and come out v down. `v`: which way the file's own v runs; `auto` as
-    its format prescribes, down in glTF and up elsewhere; some exporters of glTF get it wrong, and only the map
-    tells. Faces keep the file's order;
+    its format prescribes, down in glTF and up elsewhere (some glTF get it wrong, and only the map can
+    tell). Faces keep the file's order;
     triangles without area are dropped. Other files that the mesh refers to are never opened.
     Raises AssetError: when the file is missing, unreadable, no mesh, or no surface; when vertices or texture
     coordinates are not finite, or only some faces have the latter; when the size is not sensible.

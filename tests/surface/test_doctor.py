@@ -1,0 +1,58 @@
+"""What the doctor says of meshes whose ills are known."""
+
+import pytest
+import torch
+
+from tests.surface.shapes import sheet, sphere
+from texsss.surface.doctor import COLOURS, examine
+from texsss.surface.mesh import Mesh
+
+
+def with_uv(mesh: Mesh, uv: torch.Tensor) -> Mesh:
+    return Mesh(mesh.vertices, mesh.faces, uv)
+
+
+def test_a_sound_sheet():
+    mesh = sheet(4)
+    report, picture = examine(mesh, mesh.source_uv, (64, 64))
+    assert report.atlas.serves
+    assert (report.mirrored, report.flipped, report.flat, report.outside, report.overlapping) == (0,) * 5
+    assert report.texel_mm.median == pytest.approx(10 / 64) and report.stretch.greatest == pytest.approx(1)
+    assert report.covered == 1 and report.padding_texels is None
+    assert (report.edges.open, report.edges.non_manifold, report.edges.inconsistent) == (16, 0, 0)
+    assert picture.shape == (64, 64, 3)
+
+
+def test_mirrors_are_told_from_flips():
+    mesh = sheet(4)
+    mirror = mesh.source_uv * torch.tensor([-1.0, 1]) + torch.tensor([1.0, 0])
+    assert examine(mesh, mirror, (64, 64))[0].mirrored == 32
+    folded = (mesh.source_uv - torch.tensor([0.5, 0])).abs() * torch.tensor([2.0, 1])
+    report, picture = examine(mesh, folded, (64, 64))
+    assert (report.mirrored, report.flipped, report.overlapping) == (0, 16, 16)
+    red = torch.tensor(COLOURS["overlap"])
+    assert float((picture - red).abs().amax(-1).lt(1e-6).float().mean()) > 0.95
+
+
+def test_padding_between_two_charts():
+    """Two halves moved 8 texels apart."""
+    mesh = sheet(4)
+    uv = mesh.source_uv * torch.tensor([1.0, 0.5])
+    uv[16:] += torch.tensor([0.0, 8 / 64])
+    report, _ = examine(with_uv(mesh, uv), uv, (64, 64))
+    assert report.atlas.charts == 2 and report.padding_texels == 8
+
+
+def test_topology_of_a_sphere_turned_inside_out():
+    mesh = sphere(8, 12)
+    assert examine(mesh, mesh.source_uv, (32, 32))[0].inside_out == 0
+    inverted = Mesh(mesh.vertices, mesh.faces.flip(1), mesh.source_uv.flip(1))
+    report, _ = examine(inverted, inverted.source_uv, (32, 32))
+    assert (report.inside_out, report.parts, report.edges.open, report.edges.inconsistent) == (1, 1, 0, 0)
+
+
+def test_three_faces_on_an_edge_are_counted():
+    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])
+    mesh = Mesh(vertices, torch.tensor([[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
+    report, _ = examine(mesh, torch.rand(3, 3, 2, generator=torch.Generator().manual_seed(0)), (16, 16))
+    assert (report.edges.non_manifold, report.edges.open) == (1, 6)
