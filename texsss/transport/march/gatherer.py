@@ -24,7 +24,13 @@ class Gatherer:
     """Marches rays through one interior; `fast` compiles the kernels, for chunks of COMPILED_CHUNK."""
 
     def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, fast: bool):
-        self.interior, self.method, self.samples, self.phase, self.fast = interior, method, samples, phase, fast
+        self.interior, self.method, self.samples, self.phase, self.fast = (
+            interior,
+            method,
+            samples,
+            phase,
+            fast,
+        )
         self.far: Reach = reach(interior)
         self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
         home = interior.sigma_t
@@ -38,7 +44,10 @@ class Gatherer:
         self._run: Callable[[Any], Any] = compiled if fast else (lambda kernel: kernel)
 
     def __call__(
-        self, ray: Float[Tensor, "10 P"], light: Float[Tensor, "S P"], jitter: Float[Tensor, " P"] | None = None
+        self,
+        ray: Float[Tensor, "10 P"],
+        light: Float[Tensor, "S P"],
+        jitter: Float[Tensor, " P"] | None = None,
     ) -> Float[Tensor, "P C"]:
         """Radiance inside per unit of irradiance that enters [1/sr].
 
@@ -73,7 +82,12 @@ class Gatherer:
             scattering, extinction = (a if a is b else 0.5 * (a + b) for a, b in zip(before[:2], after[:2]))
             results = [
                 one_channel(
-                    scattering[:, c], extinction[:, c], *piece, [s[min(c, len(s) - 1)] for s in share], passed[c], total[c]
+                    scattering[:, c],
+                    extinction[:, c],
+                    *piece,
+                    [s[min(c, len(s) - 1)] for s in share],
+                    passed[c],
+                    total[c],
                 )
                 for c in range(self.channels)
             ]
@@ -89,7 +103,9 @@ class Gatherer:
         for k in range(self.samples):
             t = step * k if jitter is None else (step * (k + jitter)).clamp_min(0)
             scattering, extinction, g = self._coefficients(ray, t)
-            passed, total = one(scattering, extinction, t * ray[6], step, self._meet(ray, light, t, g), passed, total)
+            passed, total = one(
+                scattering, extinction, t * ray[6], step, self._meet(ray, light, t, g), passed, total
+            )
         return passed, total
 
     def _beyond(self, ray: Tensor, light: Tensor, passed: list[Tensor], total: list[Tensor]) -> list[Tensor]:
@@ -98,7 +114,13 @@ class Gatherer:
         share = end[3][-1]
         return [
             self._run(tail)(
-                scattering[:, c], extinction[:, c], ray[6], end, share[min(c, len(share) - 1)], passed[c], total[c]
+                scattering[:, c],
+                extinction[:, c],
+                ray[6],
+                end,
+                share[min(c, len(share) - 1)],
+                passed[c],
+                total[c],
             )
             for c in range(self.channels)
         ]

@@ -85,7 +85,9 @@ def from_stack(stack: Stack) -> Interior:
     count = len(stack.layers)
     finite = count - 1 if table.bottomless else count
     thickness = table.thickness[..., :finite, 0].expand(*table.thickness.shape[:-2], finite)
-    depth = thickness.clamp(max=FAR_MM).cumsum(-1).reshape(-1, finite).expand(height * width, finite)
+    depth = thickness.clamp(max=FAR_MM).cumsum(-1)
+    rows = height * width
+    depth = depth.reshape(rows, finite) if table.batch else depth.expand(rows, finite)
 
     def field(x: Tensor, given: Sequence[Tensor]) -> Tensor:
         if any(y.ndim == 3 for y in given):
@@ -176,7 +178,7 @@ def check_uv(mesh: Mesh, uv: Float[Tensor, "F 3 2"] | None, interior: Interior) 
     found = mesh.source_uv if uv is None else uv
     if found is not None:
         return found
-    if interior.depth[..., 0].numel() > 1 or interior.varies:
+    if max(interior.depth.shape[:2]) > 1 or interior.varies:
         raise DomainError(
             f"march: expected texture coordinates for the maps, got none with {mesh.name}; pass uv=atlas.uv."
         )

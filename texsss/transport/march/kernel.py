@@ -31,8 +31,8 @@ def look_up(planes, size, x, y):
     a, b, c, d = upper + x0, upper + x1, lower + x0, lower + x1
     found = []
     for plane in planes:
-        above = plane[a] + fx * (plane[b] - plane[a])
-        below = plane[c] + fx * (plane[d] - plane[c])
+        above = plane.index_select(0, a) + fx * (plane.index_select(0, b) - plane.index_select(0, a))
+        below = plane.index_select(0, c) + fx * (plane.index_select(0, d) - plane.index_select(0, c))
         found.append(above + fy * (below - above))
     return found
 

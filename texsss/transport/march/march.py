@@ -79,7 +79,9 @@ def march(
         sites = surface.at(here)
         towards = unit(view - sites.position) if view.ndim == 1 else view[row].to(sites.position)
         jitter = None if noise is None else draw(noise, sites.uv, generator)
-        rays = view_rays(sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2])
+        rays = view_rays(
+            sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2]
+        )
         origin = None if occluder is None else smooth_origin(here, mesh)
         total = torch.zeros_like(sites.position)
         for number, light in enumerate(lights):
@@ -119,7 +121,13 @@ def _bright(lights: list[Light] | tuple[Light, ...]) -> bool:
 
 
 def _check(
-    points: Points, method: str, samples: int, phase: str, view: Tensor, environment_samples: int, area_samples: int
+    points: Points,
+    method: str,
+    samples: int,
+    phase: str,
+    view: Tensor,
+    environment_samples: int,
+    area_samples: int,
 ) -> None:
     """Raises DomainError or ShapeError for what cannot be marched."""
     if method not in ("exact", "uniform"):
@@ -127,12 +135,16 @@ def _check(
     if phase not in ("henyey-greenstein", "schlick"):
         raise DomainError(f"march: expected phase 'henyey-greenstein' or 'schlick', got {phase!r}.")
     if not 1 <= samples <= MOST_SAMPLES:
-        raise DomainError(f"march: expected 1 to {MOST_SAMPLES} samples, got {samples}; 4 exact ones are plenty.")
+        raise DomainError(
+            f"march: expected 1 to {MOST_SAMPLES} samples, got {samples}; 4 exact ones are plenty."
+        )
     if min(environment_samples, area_samples) < 1:
         raise DomainError(
             f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}."
         )
     if view.ndim == 2 and view.shape[0] != len(points):
-        raise ShapeError(f"march: expected a view direction per point, got {view.shape[0]} for {len(points)} points.")
+        raise ShapeError(
+            f"march: expected a view direction per point, got {view.shape[0]} for {len(points)} points."
+        )
     if not bool(torch.isfinite(view).all()):
         raise DomainError("march: expected a finite eye or view directions, got NaN or infinity.")

@@ -30,7 +30,9 @@ class Noise:
         for name in ("uv", "start"):
             scale = getattr(self, name)
             if not 0 <= scale < float("inf"):
-                raise DomainError(f"Noise: expected a finite {name} >= 0, got {scale:g}; 0 is none, 1 all of it.")
+                raise DomainError(
+                    f"Noise: expected a finite {name} >= 0, got {scale:g}; 0 is none, 1 all of it."
+                )
         if self.texture is not None and (self.texture.ndim != 2 or self.texture.numel() == 0):
             raise ShapeError(f"Noise: expected a texture (H, W), got {tuple(self.texture.shape)}.")
 

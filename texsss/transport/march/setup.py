@@ -274,5 +274,7 @@ def _free(
     gap = origin[rows] - sites.position[rows]
     # the light's distance is known from P
     distance = light.distance[rows] - dot(gap, light.direction[rows])
-    hidden = occluder.occluded(origin[rows], light.direction[rows], distance.clamp_min(0), normals=normal[rows])
+    hidden = occluder.occluded(
+        origin[rows], light.direction[rows], distance.clamp_min(0), normals=normal[rows]
+    )
     return torch.zeros_like(sites.offset).index_put((rows,), (~hidden).to(sites.offset.dtype))

@@ -1,0 +1,212 @@
+"""Times of the layered march: 800 × 600 pixels of a fish with three layers, the setting of François et al. 2006.
+
+    python benchmarks/bench_march.py [--mesh FILE.obj] [--repeat 5]
+
+The close-up fills the frame, so that all 480,000 pixels are marched. `march alone` is what the paper's
+fragment shader does after rasterisation: rays and lights are given; `whole call` includes setting them up.
+The paper's own figures, on a GeForce 7800 GTX with three lights: 126, 51, 20 frames per second with
+10, 50, 100 samples.
+"""
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+import torch
+import trimesh
+
+from texsss.light.emitters import Light, PointLight
+from texsss.light.visibility import Occluder
+from texsss.media.medium import Medium
+from texsss.surface.mesh import Mesh
+from texsss.surface.points import Points
+from texsss.transport.march.gatherer import CHUNK as EAGER_CHUNK
+from texsss.transport.march.gatherer import COMPILED_CHUNK, Gatherer
+from texsss.transport.march.interior import Interior, from_depths
+from texsss.transport.march.march import march
+from texsss.transport.march.planes import fit_planes, plane_radius
+from texsss.transport.march.setup import Surface, light_scalars, view_rays
+from texsss.types import chunks, unit
+
+FISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "meshes" / "fish_blub_uv.obj"
+LENGTH_MM = 60.0
+CHUNK = {True: COMPILED_CHUNK, False: EAGER_CHUNK}
+
+
+def fish_media() -> list[Medium]:
+    """Dermis, blood, organs: table 1 of François et al. 2006."""
+    return [
+        Medium([0.6, 0.6, 0.6], [2.0, 1.0, 1.0], 0.25, 1.0),
+        Medium([0.6, 0.6, 0.6], [6.0, 3.0, 2.0], 0.40, 1.0),
+        Medium([0.5, 0.5, 0.5], [1.0, 1.0, 2.0], 0.80, 1.0),
+    ]
+
+
+def vein_depths(size: int, seed: int = 0) -> torch.Tensor:
+    """Three boundaries (H, W, 3) [mm]: a thin skin, veins that reach up into it, a floor."""
+    generator = torch.Generator().manual_seed(seed)
+    v, u = torch.meshgrid(*[(torch.arange(size) + 0.5) / size] * 2, indexing="ij")
+    ridge = torch.zeros(size, size)
+    for frequency in (2, 3, 5, 8):
+        phase = torch.rand(4, generator=generator) * 2 * math.pi
+        wave = torch.sin(
+            2 * math.pi * frequency * u + phase[0] + 2 * torch.sin(2 * math.pi * 2 * v + phase[1])
+        )
+        wave = wave + torch.sin(
+            2 * math.pi * frequency * v + phase[2] + 2 * torch.sin(2 * math.pi * u + phase[3])
+        )
+        ridge = torch.maximum(ridge, torch.exp(-((wave * 6 / frequency**0.5) ** 2)))
+    skin = torch.full_like(u, 0.25)
+    return torch.stack(
+        [skin, skin + 0.05 + 0.7 * ridge, skin + 2.2 - 0.4 * torch.cos(2 * math.pi * 3 * u)], -1
+    )
+
+
+def load(path: Path) -> Mesh:
+    loaded = trimesh.load(path, force="mesh", process=False)
+    vertices = torch.from_numpy(loaded.vertices.copy()).float()
+    vertices = vertices * (LENGTH_MM / float((vertices.amax(0) - vertices.amin(0)).amax()))
+    faces = torch.from_numpy(loaded.faces.copy()).long()
+    uv = torch.from_numpy(loaded.visual.uv.copy()).float()[faces]
+    uv[..., 1] = 1 - uv[..., 1]
+    merged, index = torch.unique(vertices, dim=0, return_inverse=True)
+    return Mesh(merged, index[faces], uv)
+
+
+def close_up(
+    mesh: Mesh, occluder: Occluder, width: int = 800, height: int = 600
+) -> tuple[Points, torch.Tensor, int]:
+    """Camera hits, the eye, and how many of the pixels hit; misses take the place of their neighbours."""
+    centre = (mesh.vertices.amax(0) + mesh.vertices.amin(0)) / 2
+    eye = centre + unit(torch.tensor([1.0, 0.25, 0.3])) * 2 * LENGTH_MM
+    forward = unit(centre - eye)
+    right = unit(torch.linalg.cross(forward, torch.tensor([0.0, 1.0, 0.0])))
+    up = torch.linalg.cross(right, forward)
+    y, x = torch.meshgrid(
+        (torch.arange(height) + 0.5) / height, (torch.arange(width) + 0.5) / width, indexing="ij"
+    )
+    half = math.tan(math.radians(5.5))
+    direction = unit(
+        forward
+        + ((2 * x - 1) * half * width / height)[..., None] * right
+        + ((1 - 2 * y) * half)[..., None] * up
+    ).reshape(-1, 3)
+    face, bary, _ = occluder.closest(eye.expand_as(direction), direction)
+    hit = face >= 0
+    nearest = torch.cummax(torch.where(hit, torch.arange(len(face)), 0), 0).values
+    rows = torch.where(hit[nearest], nearest, hit.nonzero()[0, 0])
+    return Points(face[rows].int(), bary[rows]), eye, int(hit.sum())
+
+
+def three_lights(mesh: Mesh) -> list[Light]:
+    """Front, beneath, behind."""
+    size = LENGTH_MM
+    return [
+        PointLight(torch.tensor([2.0, 1.5, 1.0]) * size, [1.0, 1, 1]),
+        PointLight(torch.tensor([0.5, -2.0, 0.5]) * size, [1.0, 1, 1]),
+        PointLight(torch.tensor([-2.0, 0.5, -0.5]) * size, [1.0, 1, 1]),
+    ]
+
+
+class Prepared:
+    """Rays and lights of all chunks, set up beforehand."""
+
+    def __init__(self, points: Points, mesh: Mesh, interior: Interior, lights: list[Light], eye, fast: bool):
+        planes = fit_planes(mesh, plane_radius(1.6))
+        surface = Surface(mesh, planes, mesh.source_uv)
+        probe = Gatherer(interior, "exact", 1, "schlick", False)
+        self.chunks = []
+        for row in chunks(len(points), CHUNK[fast]):
+            sites = surface.at(points[row])
+            rays = view_rays(sites, unit(eye - sites.position), interior.eta, probe.far, probe.size, None)
+            seen = [
+                light_scalars(
+                    sites, rays, li.sample(sites.position, sites.normal, sites.uv), interior.eta, probe.size
+                )
+                for li in lights
+            ]
+            self.chunks.append((rays.scalars, seen))
+
+    def run(self, gather: Gatherer) -> torch.Tensor:
+        """The march alone."""
+        parts = []
+        for ray, lights in self.chunks:
+            total = 0
+            for light in lights:
+                total = total + gather(ray, light) * light[8:].T
+            parts.append(total)
+        return torch.cat(parts)
+
+
+def best(call, repeat: int) -> float:
+    seconds = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds)
+
+
+def psnr(image: torch.Tensor, truth: torch.Tensor) -> float:
+    """[dB], against the brightest value of the truth."""
+    error = ((image.double() - truth.double()) ** 2).mean()
+    return float(10 * torch.log10(truth.double().amax() ** 2 / error))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--mesh", type=Path, default=FISH)
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--skip-eager", action="store_true")
+    args = parser.parse_args()
+    mesh = load(args.mesh)
+    start = time.perf_counter()
+    planes = fit_planes(mesh, plane_radius(1.6))
+    print(f"planes of {len(mesh.vertices)} vertices: {time.perf_counter() - start:.3f} s")
+    occluder = Occluder(mesh)
+    points, eye, hits = close_up(mesh, occluder)
+    interior = from_depths(vein_depths(1024), fish_media())
+    lights = three_lights(mesh)
+    print(f"{len(points)} points, {hits} of them hits; {torch.get_num_threads()} threads")
+
+    truth = None
+    for fast in [True] if args.skip_eager else [True, False]:
+        prepared = {n: Prepared(points, mesh, interior, lights[:n], eye, fast) for n in (1, 3)}
+        for method, samples in [("exact", 4), ("uniform", 10), ("uniform", 50), ("uniform", 100)]:
+            gather = Gatherer(interior, method, samples, "schlick", fast)
+            start = time.perf_counter()
+            first = prepared[1].run(gather)
+            cold = time.perf_counter() - start
+            alone = {n: best(lambda n=n, gather=gather: prepared[n].run(gather), args.repeat) for n in (1, 3)}
+            if truth is None:
+                truth = prepared[1].run(Gatherer(interior, "exact", 64, "schlick", fast))
+                coarse = prepared[1].run(Gatherer(interior, "uniform", 4000, "schlick", fast))
+                print(f"64 exact steps against 4000 uniform samples: {psnr(truth, coarse):.1f} dB")
+
+            def whole(n: int, method=method, samples=samples, fast=fast) -> torch.Tensor:
+                return march(
+                    points,
+                    mesh,
+                    planes,
+                    interior,
+                    lights[:n],
+                    eye,
+                    method=method,
+                    samples=samples,
+                    phase="schlick",
+                    compiled=fast,
+                )
+
+            call = {n: best(lambda n=n: whole(n), max(1, args.repeat // 2)) for n in (1, 3)}
+            print(
+                f"{'compiled' if fast else 'eager':8} {method:7} {samples:3}: march alone 1 light {alone[1]:.3f} s, "
+                f"3 lights {alone[3]:.3f} s; whole call {call[1]:.3f} s, {call[3]:.3f} s; first call {cold:.1f} s; "
+                f"{psnr(first, coarse):.1f} dB against 4000 samples, {psnr(first, truth):.1f} dB against 64 exact"
+            )
+
+
+if __name__ == "__main__":
+    main()

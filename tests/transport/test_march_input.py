@@ -1,0 +1,208 @@
+"""What users may pass to the march: it answers with numbers, or with a sentence that helps."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from texsss.errors import Cancelled, DomainError, ShapeError
+from texsss.light.emitters import DirectionalLight, PointLight
+from texsss.light.visibility import Occluder
+from texsss.media.medium import Medium
+from texsss.media.stack import Layer, Stack
+from texsss.surface.mesh import Mesh
+from texsss.surface.points import Points
+from texsss.transport.march.interior import from_depths, from_stack
+from texsss.transport.march.march import march
+from texsss.transport.march.noise import Noise
+from texsss.types import unit
+
+MEDIUM = Medium([0.6, 0.5, 0.4], [2.0, 1.0, 1.0], 0.25)
+SUN = [DirectionalLight([-0.3, 0.8, 0.6], [1.0, 1.0, 1.0])]
+
+
+def square() -> Mesh:
+    corners = torch.tensor([[-50.0, 0, 50], [50, 0, 50], [50, 0, -50], [-50, 0, -50]])
+    uv = torch.tensor([[0.0, 1], [1, 1], [1, 0], [0, 0]])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+    return Mesh(corners, faces, uv[faces])
+
+
+def centre(count: int = 1) -> Points:
+    return Points(torch.zeros(count, dtype=torch.long), torch.full((count, 3), 1 / 3))
+
+
+def seen_from(*direction: float) -> torch.Tensor:
+    return unit(torch.tensor([direction]))
+
+
+def test_depths_that_decrease_are_named_and_sorted_only_on_request():
+    depth = torch.full((4, 4, 3), 0.5)
+    depth[..., 1], depth[..., 2] = 0.8, 0.7
+    with pytest.raises(DomainError, match=r"channel 2 to lie below channel 1.*sort=True"):
+        from_depths(depth, [MEDIUM] * 3)
+    tidy = from_depths(depth, [MEDIUM] * 3, sort=True)
+    assert tidy.depth[0, 0].tolist() == pytest.approx([0.5, 0.7, 0.8])
+
+
+def test_three_channels_are_three_layers_and_eight_are_eight():
+    assert from_depths(torch.rand(4, 4, 3).cumsum(-1), [MEDIUM] * 3).layers == 3
+    two = [torch.full((4, 4, 4), 0.1).cumsum(-1), torch.full((4, 4, 4), 0.1).cumsum(-1) + 0.4]
+    assert from_depths(two, [MEDIUM] * 8).layers == 8
+    infinite = from_depths(two, [MEDIUM] * 9)
+    assert infinite.bottomless
+    assert bool(torch.isfinite(march(centre(), square(), None, infinite, SUN, seen_from(0.2, 1, 0))).all())
+
+
+def test_numbers_of_media_and_sizes_must_fit():
+    with pytest.raises(ShapeError, match="4 media for 4 channels"):
+        from_depths(torch.rand(4, 4, 4).cumsum(-1), [MEDIUM] * 3)
+    with pytest.raises(ShapeError, match="of one size"):
+        from_depths([torch.zeros(4, 4, 4), torch.zeros(8, 8, 4)], [MEDIUM] * 8)
+    with pytest.raises(ShapeError, match="none"):
+        from_depths([], [MEDIUM])
+    with pytest.raises(ShapeError, match="one thickness for all channels"):
+        from_stack(Stack([Layer(MEDIUM, [0.1, 0.2, 0.3])]))
+
+
+@pytest.mark.parametrize("value", [math.nan, -0.1, math.inf])
+def test_depths_must_be_depths(value):
+    with pytest.raises(DomainError, match="depth textures"):
+        from_depths(torch.full((2, 2, 1), value), [MEDIUM])
+
+
+def test_bright_can_mean_shallow_and_depths_can_be_clamped():
+    painted = torch.tensor([0.9, 0.5, 0.2]).expand(2, 2, 3)
+    read = from_depths(painted, [MEDIUM] * 3, scale_mm=2.0, invert=True, most_mm=[9.0, 9.0, 1.2])
+    assert read.depth[0, 0].tolist() == pytest.approx([0.2, 1.0, 1.2])
+    with pytest.raises(DomainError, match="to invert"):
+        from_depths(painted * 2, [MEDIUM] * 3, invert=True)
+
+
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0.7, -0.7, 0), (0, -1, 0)])
+def test_eyes_at_or_below_the_horizon_see_nothing(direction):
+    lit = march(centre(), square(), None, Stack([Layer(MEDIUM)]), SUN, seen_from(*map(float, direction)))
+    assert lit.tolist() == [[0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize("cosine", [1e-9, 1e-4, 0.01, 0.05])
+@pytest.mark.parametrize("eta", [1.0, 1.4])
+def test_grazing_light_and_grazing_eyes_stay_finite(cosine, eta):
+    medium = Medium([0.6, 0.5, 0.4], [2.0, 1.0, 1.0], 0.9, eta)
+    grazing = (math.sqrt(1 - cosine**2), cosine, 0.0)
+    for eye, sun in ((grazing, (0.0, 1.0, 0.0)), ((0.0, 1.0, 0.0), grazing), (grazing, grazing)):
+        lit = march(
+            centre(),
+            square(),
+            None,
+            Stack([Layer(medium, 1.0)]),
+            [DirectionalLight(sun, [1.0] * 3)],
+            seen_from(*eye),
+        )
+        assert bool(torch.isfinite(lit).all()) and float(lit.min()) >= 0 and float(lit.max()) < 1
+
+
+@pytest.mark.parametrize(
+    "position", [(0.0, -5.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.0, 0.0), (0.0, 1e-7, 0.0), (3.0, -1e4, 0.0)]
+)
+@pytest.mark.parametrize("shadows", [True, False])
+def test_lights_inside_and_behind_give_numbers(position, shadows):
+    mesh = square()
+    occluder = Occluder(mesh) if shadows else None
+    light = [PointLight(list(position), [1e-6] * 3)]
+    for eta in (1.0, 1.4):
+        medium = Medium(MEDIUM.sigma_a, MEDIUM.sigma_s, 0.2, eta)
+        lit = march(
+            centre(), mesh, None, Stack([Layer(medium, 1.0)]), light, seen_from(0.1, 1, 0), occluder=occluder
+        )
+        assert bool(torch.isfinite(lit).all())
+        if position[1] < -1:
+            assert float(lit.abs().max()) == 0
+
+
+def test_one_sample_and_ten_thousand():
+    stack = Stack([Layer(MEDIUM, 1.0)])
+    exact = march(centre(), square(), None, stack, SUN, seen_from(0.3, 1, 0))
+    for method in ("exact", "uniform"):
+        one = march(centre(), square(), None, stack, SUN, seen_from(0.3, 1, 0), method=method, samples=1)
+        assert bool(torch.isfinite(one).all())
+    many = march(centre(), square(), None, stack, SUN, seen_from(0.3, 1, 0), method="uniform", samples=10_000)
+    torch.testing.assert_close(many, exact, rtol=1e-3, atol=0)
+    for samples in (0, 10_001, -3):
+        with pytest.raises(DomainError, match="samples"):
+            march(centre(), square(), None, stack, SUN, seen_from(0.3, 1, 0), samples=samples)
+
+
+def test_layers_deeper_than_the_object_are_as_good_as_infinite():
+    view = seen_from(0.3, 1, 0)
+    deep, endless = (
+        march(centre(), square(), None, Stack([Layer(MEDIUM, d)]), SUN, view) for d in (1e6, None)
+    )
+    torch.testing.assert_close(deep, endless, rtol=1e-5, atol=0)
+
+
+def test_clear_and_absent_media_scatter_nothing():
+    clear = Medium(0.0, 0.0)
+    for layers in ([Layer(clear)], [Layer(clear, 0.0)], [Layer(MEDIUM, 0.0)], [Layer(Medium(1.0, 0.0), 2.0)]):
+        lit = march(centre(), square(), None, Stack(layers), SUN, seen_from(0.3, 1, 0))
+        assert float(lit.abs().max()) == 0
+
+
+def test_no_lights_no_points_no_maps_without_coordinates():
+    stack = Stack([Layer(MEDIUM)])
+    assert float(march(centre(), square(), None, stack, [], seen_from(0, 1, 0)).abs().max()) == 0
+    nobody = Points(torch.zeros(0, dtype=torch.long), torch.zeros(0, 3))
+    assert march(nobody, square(), None, stack, SUN, torch.tensor([0.0, 9, 0])).shape == (0, 3)
+    bare = Mesh(square().vertices, square().faces)
+    assert bool((march(centre(), bare, None, stack, SUN, seen_from(0, 1, 0)) > 0).all())
+    with pytest.raises(DomainError, match="texture coordinates"):
+        march(centre(), bare, None, from_depths(torch.rand(2, 2, 1), [MEDIUM]), SUN, seen_from(0, 1, 0))
+
+
+def test_names_and_shapes_are_checked():
+    stack = Stack([Layer(MEDIUM)])
+    with pytest.raises(ShapeError, match="view direction per point"):
+        march(centre(2), square(), None, stack, SUN, torch.zeros(5, 3))
+    with pytest.raises(DomainError, match="finite eye"):
+        march(centre(), square(), None, stack, SUN, torch.tensor([math.nan, 0, 0]))
+    with pytest.raises(DomainError, match="per light"):
+        march(centre(), square(), None, stack, SUN, seen_from(0, 1, 0), environment_samples=0)
+    with pytest.raises(DomainError, match="Noise"):
+        Noise(uv=-1.0)
+    with pytest.raises(Cancelled):
+        march(centre(), square(), None, stack, SUN, seen_from(0, 1, 0), cancel=lambda: True)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    sigma=st.lists(st.floats(0, 1e3), min_size=4, max_size=4),
+    g=st.floats(-0.99, 0.99),
+    thickness=st.floats(0, 1e4),
+    eye=st.tuples(*[st.floats(-1, 1)] * 3),
+    sun=st.tuples(*[st.floats(-1, 1)] * 3),
+    eta=st.sampled_from([1.0, 1.3, 2.0]),
+    method=st.sampled_from(["exact", "uniform"]),
+    phase=st.sampled_from(["henyey-greenstein", "schlick"]),
+)
+def test_never_nan_never_negative(sigma, g, thickness, eye, sun, eta, method, phase):
+    if max(map(abs, sun)) < 1e-3:
+        sun = (0.0, 1.0, 0.0)
+    layers = [
+        Layer(Medium(sigma[0], sigma[1], g, eta), thickness),
+        Layer(Medium(sigma[2], sigma[3], -g, eta)),
+    ]
+    light = [DirectionalLight(list(sun), [1.0] * 3)]
+    lit = march(
+        centre(),
+        square(),
+        None,
+        Stack(layers),
+        light,
+        unit(torch.tensor([eye])),
+        method=method,
+        phase=phase,
+        samples=3,
+    )
+    assert bool(torch.isfinite(lit).all()) and float(lit.min()) >= 0
