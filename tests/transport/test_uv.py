@@ -2,43 +2,13 @@ import math
 
 import pytest
 import torch
-from shapes import sphere
-from squares import gaussian, square
+from squares import ball, gaussian, lit, square
 
 from texsss.errors import Cancelled, DomainError
-from texsss.surface.points import TexelMaps
-from texsss.surface.raster import rasterise
 from texsss.transport.spread import sharpness, spread
 from texsss.transport.uv import diffuse_uv
-from texsss.types import Float, Tensor
 
 LADDER = torch.tensor([0.0, 0.05, 0.5, 2.0, 8.0, 30.0, 110.0])  # mm²
-
-
-def lit(texels: TexelMaps) -> Float[Tensor, "P 3"]:
-    """Light from one side, with hard edges in two channels."""
-    position, normal = texels.points.position(texels.mesh), texels.points.normal(texels.mesh)
-    light = (normal @ normal.new_tensor([0.3, 0.4, 0.86])).clamp_min(0)
-    stripes = (torch.sin(position / 15).prod(-1) > 0).to(position.dtype)
-    return torch.stack([light, light * stripes, stripes], 1)
-
-
-def ball(size: int) -> TexelMaps:
-    """A sphere of 100 mm in six square charts, distorted by up to a factor of three."""
-    mesh = sphere(subdivisions=4)
-    centre = mesh.corners.mean(1)
-    axis = centre.abs().argmax(1)
-    side = torch.gather(centre, 1, axis[:, None])[:, 0] > 0
-    chart = axis * 2 + side
-    rows = torch.arange(len(axis))
-    others = torch.stack([(axis + 1) % 3, (axis + 2) % 3], 1)
-    depth = torch.gather(mesh.corners, 2, axis[:, None, None].expand(-1, 3, 1)).abs()
-    place = (
-        torch.stack([mesh.corners[rows, :, others[:, 0]], mesh.corners[rows, :, others[:, 1]]], -1) / depth
-    )
-    place = torch.where(side[:, None, None], place, place.flip(-1)) * 0.12 + 0.16
-    origin = torch.stack([chart % 3, chart // 3], 1) / 3
-    return rasterise(mesh, (place + origin[:, None]).float(), (size, size))
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1 / 3])

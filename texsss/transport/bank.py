@@ -8,6 +8,7 @@ import torch
 from texsss.errors import DomainError, ShapeError
 from texsss.profiles.weights import Weights
 from texsss.surface.points import TexelMaps
+from texsss.transport.operators import Operators, surface_operators
 from texsss.transport.uv import diffuse_uv
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
@@ -48,12 +49,14 @@ def diffusion(
     texels: TexelMaps,
     method: str = "uv",
     *,
+    operators: Operators | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Diffusion:
     """The function that convolves values at the texels with Gaussians, by name.
 
-    `method`: none (every copy is the lightmap), uv. Raises DomainError: for another name.
+    `method`: none (every copy is the lightmap), uv, surface. The last builds operators for the variances
+    it is asked for, unless they are those of `operators`. Raises DomainError: for another name.
     """
     if method == "none":
         return no_diffusion
@@ -61,7 +64,16 @@ def diffusion(
         return lambda values, variances: diffuse_uv(
             values, texels, variances, progress=progress, cancel=cancel
         )
-    raise DomainError(f"diffusion: expected none or uv, got {method!r}; choose one of them.")
+    if method == "surface":
+
+        def over_surface(values: Tensor, variances: Tensor) -> Tensor:
+            built = operators
+            if built is None or not torch.equal(built.variances, variances):
+                built = surface_operators(texels, variances, progress=progress, cancel=cancel)
+            return built.applied(values)
+
+        return over_surface
+    raise DomainError(f"diffusion: expected none, uv or surface, got {method!r}; choose one of them.")
 
 
 def build_bank(
@@ -70,15 +82,17 @@ def build_bank(
     variances: Float[Tensor, " K"],
     *,
     method: str = "uv",
+    operators: Operators | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Bank:
     """The bank of a lightmap.
 
-    `irradiance` [W/m²]: at the texels, gutter included. `variances` [mm²]. `method` as in `diffusion`.
+    `irradiance` [W/m²]: at the texels, gutter included. `variances` [mm²]. `method` and `operators` as
+    in `diffusion`.
     Differentiable in `irradiance`. Raises DomainError: for an unknown method; Cancelled.
     """
-    blur = diffusion(texels, method, progress=progress, cancel=cancel)
+    blur = diffusion(texels, method, operators=operators, progress=progress, cancel=cancel)
     return Bank(variances, irradiance, blur(irradiance, variances))
 
 

@@ -1,0 +1,68 @@
+"""Fixed sparse matrices, applied to many columns, with gradients that cost as much as the product."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from texsss.types import Float, Int, Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """A matrix in compressed rows: row i holds `value[start[i]:start[i+1]]` at `column[…]`."""
+
+    start: Int[Tensor, " starts"]
+    column: Int[Tensor, " entries"]
+    value: Float[Tensor, " entries"]
+    columns: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.start.shape[0] - 1
+
+    @property
+    def bytes(self) -> int:
+        """Memory that the entries take."""
+        return self.column.numel() * (self.column.element_size() + self.value.element_size())
+
+    def times(self, x: Float[Tensor, "columns C"]) -> Float[Tensor, "rows C"]:
+        """The product with the columns of `x`; see `product` for one with gradients."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
+            matrix = torch.sparse_csr_tensor(
+                self.start,
+                self.column,
+                self.value.to(x.dtype),
+                (self.rows, self.columns),
+                check_invariants=False,
+            )
+        return matrix @ x
+
+    def transposed(self) -> "Sparse":
+        """The transpose, its rows in ascending order."""
+        row = torch.repeat_interleave(
+            torch.arange(self.rows, dtype=torch.int32, device=self.column.device), self.start.diff().long()
+        )
+        order = torch.argsort(self.column, stable=True)
+        count = torch.bincount(self.column, minlength=self.columns)
+        start = torch.cat([count.new_zeros(1), count.cumsum(0)]).to(self.start.dtype)
+        return Sparse(start, row[order], self.value[order], self.rows)
+
+
+def product(matrix: Sparse, transpose: Sparse, x: Float[Tensor, "columns C"]) -> Float[Tensor, "rows C"]:
+    """`matrix` times `x`. Differentiable in `x` by the stored `transpose`; a symmetric matrix is its own."""
+    return _Product.apply(x, matrix, transpose)  # pyright: ignore[reportReturnType]
+
+
+class _Product(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, matrix: Sparse, transpose: Sparse) -> Tensor:
+        ctx.matrix, ctx.transpose = matrix, transpose
+        return matrix.times(x)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None, None]:
+        return product(ctx.transpose, ctx.matrix, grads[0].contiguous()), None, None
