@@ -1,4 +1,4 @@
-"""Times of the layered march: 800 × 600 pixels of a fish with three layers, the setting of François et al. 2006.
+"""Times of the layered march: 800 × 600 pixels of a fish with three layers, as in François et al. 2006.
 
     python benchmarks/bench_march.py [--mesh FILE.obj] [--repeat 5]
 
@@ -180,7 +180,10 @@ def main() -> None:
             start = time.perf_counter()
             first = prepared[1].run(gather)
             cold = time.perf_counter() - start
-            alone = {n: best(lambda n=n, gather=gather: prepared[n].run(gather), args.repeat) for n in (1, 3)}
+            alone = {
+                n: best(lambda n=n, gather=gather, prepared=prepared: prepared[n].run(gather), args.repeat)
+                for n in (1, 3)
+            }
             if truth is None:
                 truth = prepared[1].run(Gatherer(interior, "exact", 64, "schlick", fast))
                 coarse = prepared[1].run(Gatherer(interior, "uniform", 4000, "schlick", fast))
@@ -202,9 +205,12 @@ def main() -> None:
 
             call = {n: best(lambda n=n: whole(n), max(1, args.repeat // 2)) for n in (1, 3)}
             print(
-                f"{'compiled' if fast else 'eager':8} {method:7} {samples:3}: march alone 1 light {alone[1]:.3f} s, "
-                f"3 lights {alone[3]:.3f} s; whole call {call[1]:.3f} s, {call[3]:.3f} s; first call {cold:.1f} s; "
-                f"{psnr(first, coarse):.1f} dB against 4000 samples, {psnr(first, truth):.1f} dB against 64 exact"
+                f"{'compiled' if fast else 'eager':8} {method:7} {samples:3}: march alone 1 light "
+                f"{alone[1]:.3f} s, "
+                f"3 lights {alone[3]:.3f} s; whole call {call[1]:.3f} s, {call[3]:.3f} s; "
+                f"first call {cold:.1f} s; "
+                f"{psnr(first, coarse):.1f} dB against 4000 samples, "
+                f"{psnr(first, truth):.1f} dB against 64 exact"
             )
 
 

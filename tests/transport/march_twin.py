@@ -10,7 +10,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Site:
-    """A point of the surface: two normals, offset of the fitted plane [mm], tangent frame, uv per mm (2, 2)."""
+    """A point: two normals, offset of the fitted plane [mm], tangent frame, uv per mm (2, 2)."""
 
     position: Array
     normal: Array

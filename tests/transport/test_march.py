@@ -1,6 +1,7 @@
 """The march: closed forms, limits, its literal twin, laws."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -133,7 +134,7 @@ def test_uniform_samples_converge_at_first_order():
     truth = march(*args, samples=1)
     counts = (50, 100, 200, 400)
     errors = [float((march(*args, method="uniform", samples=n) - truth).mean().abs()) for n in counts]
-    orders = [math.log2(a / b) for a, b in zip(errors, errors[1:])]
+    orders = [math.log2(a / b) for a, b in pairwise(errors)]
     # measured 1.04, 1.02, 1.01
     assert all(0.98 < order < 1.06 for order in orders), orders
 
@@ -181,7 +182,8 @@ def test_uniform_march_is_its_literal_twin(seed):
             a, b, c = sites.per_mm[p].numpy()
             site = Site(
                 sites.position[p].numpy(), sites.normal[p].numpy(), sites.plane_normal[p].numpy(),
-                float(sites.offset[p]), sites.tangent[p].numpy(), sites.bitangent[p].numpy(), sites.uv[p].numpy(),
+                float(sites.offset[p]), sites.tangent[p].numpy(),
+                sites.bitangent[p].numpy(), sites.uv[p].numpy(),
                 np.array([[a, b], [0, c]]),
             )  # fmt: skip
             towards = unit(eye - sites.position[p]).numpy()

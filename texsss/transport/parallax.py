@@ -1,4 +1,4 @@
-"""Layered textures with depth parallax: an outer layer to look through, inner ones that shift with the eye."""
+"""Layered textures with depth parallax: an outer layer to look through, inner ones that shift."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,8 @@ class InnerLayer:
     def __post_init__(self):
         if not (0 <= self.depth_mm < float("inf") and 0 <= self.spread < float("inf")):
             raise DomainError(
-                f"InnerLayer: expected a finite depth [mm] and spread >= 0, got {self.depth_mm:g} and {self.spread:g}."
+                f"InnerLayer: expected a finite depth [mm] and spread >= 0, got "
+                f"{self.depth_mm:g} and {self.spread:g}."
             )
 
 

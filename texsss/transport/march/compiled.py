@@ -26,10 +26,10 @@ def compiler_found() -> bool:
 
 @cache
 def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """`kernel`, compiled on its first call for each set of shapes; `kernel` itself, with one notice, without a compiler.
+    """`kernel`, compiled on its first call for each set of shapes.
 
-    The result of compilation is kept on disk in the user's cache directory, unless
-    TORCHINDUCTOR_CACHE_DIR names another place.
+    Without a compiler it is `kernel` itself, with one notice. The result of compilation is kept on disk
+    in the user's cache directory, unless TORCHINDUCTOR_CACHE_DIR names another place.
     """
     if not compiler_found():
         _notice("no C++ compiler or no Python.h was found")

@@ -126,14 +126,16 @@ def from_depths(
     sizes = sorted({tuple(t.shape[:2]) for t in images})
     if len(sizes) != 1:
         raise ShapeError(
-            f"depth textures: expected one or more of one size, got {sizes or 'none'}; resize them to the largest."
+            f"depth textures: expected one or more of one size, got {sizes or 'none'}; "
+            "resize them to the largest."
         )
     raw = torch.cat(images, -1)
     channels = raw.shape[-1]
     if len(media) not in (channels, channels + 1):
         raise ShapeError(
-            f"depth textures: expected {channels} media for {channels} channels, or one more for an infinite layer "
-            f"below, got {len(media)}; drop the alpha channel of an image whose alpha is no depth."
+            f"depth textures: expected {channels} media for {channels} channels, or one more for an "
+            f"infinite layer below, got {len(media)}; "
+            "drop the alpha channel of an image whose alpha is no depth."
         )
     seen = raw.detach()
     if not bool(torch.isfinite(seen).all()) or float(seen.amin()) < 0 or not 0 < scale_mm < math.inf:
@@ -143,7 +145,8 @@ def from_depths(
         )
     if invert and float(seen.amax()) > 1:
         raise DomainError(
-            f"depth textures: expected values in 0..1 to invert, got up to {float(seen.amax()):g}; scale them first."
+            f"depth textures: expected values in 0..1 to invert, got up to {float(seen.amax()):g}; "
+            "scale them first."
         )
     depth = (1 - raw if invert else raw) * scale_mm
     if most_mm is not None:
@@ -154,7 +157,8 @@ def from_depths(
     eta = {m.eta for m in media}
     if len(eta) > 1:
         raise DomainError(
-            f"depth textures: expected media of one refractive index, got {sorted(eta)}; rays are not bent within."
+            f"depth textures: expected media of one refractive index, got {sorted(eta)}; "
+            "rays are not bent within."
         )
     wide = max(m.channels for m in media)
     fields = [[x.expand(*x.shape[:-1], wide) for x in (m.sigma_s, m.sigma_t, m.g)] for m in media]
@@ -163,7 +167,8 @@ def from_depths(
     for values in zip(*fields):
         if any(v.ndim == 3 and v.shape[:2] != raw.shape[:2] for v in values):
             raise ShapeError(
-                f"depth textures: expected coefficient maps of their size {tuple(raw.shape[:2])}, got others; resize them."
+                f"depth textures: expected coefficient maps of their size {tuple(raw.shape[:2])}, "
+                "got others; resize them."
             )
         mapped = any(v.ndim == 3 for v in values)
         stacked.append(torch.stack([v.expand(size) if mapped else v for v in values], -2))
@@ -194,8 +199,10 @@ def _check_order(depth: Float[Tensor, "H W B"], sort: bool) -> None:
         if bool(above.any()):
             where = above.nonzero()[0].tolist()
             raise DomainError(
-                f"depth textures: expected channel {i + 1} to lie below channel {i}, got {float(seen[*where, i + 1]):g} mm "
-                f"under {float(seen[*where, i]):g} mm at texel {tuple(where)} and {int(above.sum()) - 1} others; "
+                f"depth textures: expected channel {i + 1} to lie below channel {i}, got "
+                f"{float(seen[*where, i + 1]):g} mm under {float(seen[*where, i]):g} mm "
+                f"at texel {tuple(where)} and "
+                f"{int(above.sum()) - 1} others; "
                 "pass sort=True to put them in order, or check which end of the grey scale is deep (invert). "
                 "Boundaries that fold over themselves are not supported: a layer has one depth per texel."
             )

@@ -9,7 +9,7 @@ from texsss.transport.march.kernel import optical
 
 @no_type_check
 def sample(sigma_s, sigma_t, below, step, found, passed, total):
-    """One sample that stands for `step` mm: optical depths of the view ray after it, light so far, per channel.
+    """One sample that stands for `step` mm: optical depths after it and light so far, per channel.
 
     `sigma_s`, `sigma_t` (layers, channels) [1/mm], with points behind where they are maps. `below`:
     depth of M under the surface [mm]; `found`: what `meet` found at M.

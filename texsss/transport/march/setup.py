@@ -218,7 +218,7 @@ def knots(length: Float[Tensor, " P"], count: int, rate: float) -> Float[Tensor,
 def refracted(
     direction: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], facing: Float[Tensor, " P"], eta: float
 ) -> Float[Tensor, "P 3"]:
-    """The direction inside that `direction` (away from the surface, outside) bends to; `facing` is its cosine."""
+    """What `direction`, outside and away from the surface, bends to inside; `facing` is its cosine."""
     if eta == 1:
         return direction
     cosine = facing.clamp_min(0)
