@@ -104,6 +104,7 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
                 admittance = (B1, s.new_zeros(()), s.new_zeros(()), B2)
                 scale = 1.0
             else:  # D of the layer below over D here
+                assert previous is not None and admittance is not None and response is not None
                 scale = layer.sigma / below.sigma * (below.eta / layer.eta) ** 2
                 response = here.row_into(previous.row_out_of(response))
             G = here.into(tuple(scale * x for x in admittance))
@@ -126,6 +127,7 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
             )
         admittance = here.out_of(gamma)
         below = layer
+    assert admittance is not None and here is not None and response is not None
     b1, b2 = _face(layers, s, top, top.gamma)
     e1, e2 = _face(layers, s, top, top.delta)
     w1, w2 = top.w
@@ -137,7 +139,7 @@ def _coupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes
 
 def _uncoupled(layers, lights, s, modes: TwoModes, top: TwoModes, bottom: TwoModes) -> Tensor:
     """The same without scattering on the way: what the modes make of light that scattered once."""
-    total = 0.0
+    total = s.new_zeros(())
     for m, mu in enumerate(modes.mu):
         response = s.new_zeros(())
         admittance = s.new_zeros(())
@@ -211,10 +213,11 @@ def _face(layers: list[Coefficients], s: Tensor, modes: TwoModes, growth: tuple[
         weight, near = weight + share, near + layer.sigma * share
         left = left - share
     near = near / weight  # of a thin slab only what is there counts
-    return tuple(
+    first, second = (
         sigma / near * b * torch.sqrt((near / mu) ** 2 + grown * s[:, None] ** 2)
         for b, mu, grown in zip(modes.b, modes.mu, growth, strict=True)
     )
+    return first, second
 
 
 def _multiply(a: Matrix, b: Matrix) -> Matrix:

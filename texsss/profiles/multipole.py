@@ -85,6 +85,7 @@ def multipole_slab(
 ) -> tuple[Float[Tensor, "R C"], Float[Tensor, "R C"]]:
     """R(r) and T(r) of a single slab by the explicit sum of poles [1/mm²]; `r` [mm]."""
     (layer,) = layers_of(table)
+    assert layer.d is not None
     l, z_b0, z_bd = _lengths(layer, table.eta[0], table.eta[0])
     sigma_tr = torch.sqrt(3 * layer.sigma_a * layer.sigma)
     poles = poles_of(l, layer.d, z_b0, z_bd, pairs)

@@ -11,7 +11,7 @@ from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
-CHUNK = 512  # rows solved at once: temporaries stay in cache
+CHUNK = 1024  # rows solved at once: temporaries stay in cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,10 @@ def weights_for(
         material = Stack(material)
     if points_uv is not None:
         points = points_uv.shape[0]
-    looked_up = points_uv is not None and isinstance(material, Stack) and material.varies
-    table = material.at(points_uv) if looked_up else as_table(material)
+    if points_uv is not None and isinstance(material, Stack) and material.varies:
+        table = material.at(points_uv)
+    else:
+        table = as_table(material)
     table = table.to(dtype).expand(channels)
     table, row = _distinct(table, points, None if table.requires_grad else levels)
 
