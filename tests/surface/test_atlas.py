@@ -5,7 +5,7 @@ import time
 import pytest
 import torch
 
-from tests.surface.shapes import sheet, soup, sphere
+from charted_shapes import sheet, soup, sphere
 from texsss.errors import Cancelled, DomainError
 from texsss.io.meshes import read_mesh
 from texsss.surface.atlas import make_atlas

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from tests.surface.shapes import sheet, sphere
+from charted_shapes import sheet, sphere
 from texsss.surface.doctor import COLOURS, examine
 from texsss.surface.mesh import Mesh
 

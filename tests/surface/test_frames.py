@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from tests.surface.shapes import sheet, sphere
+from charted_shapes import sheet, sphere
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points, face_jacobian
 

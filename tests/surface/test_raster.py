@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.surface.shapes import sheet, soup, sphere
+from charted_shapes import sheet, soup, sphere
 from texsss.errors import Cancelled, DomainError, ShapeError
 from texsss.numerics.sampling import bilinear
 from texsss.surface.mesh import Mesh

@@ -4,7 +4,7 @@ import jaxtyping
 import pytest
 import torch
 
-from tests.surface.shapes import sheet, soup, sphere
+from charted_shapes import sheet, soup, sphere
 from texsss.errors import ShapeError
 from texsss.surface.dilate import dilate, nearest_filled
 from texsss.surface.mesh import Mesh

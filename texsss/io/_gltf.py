@@ -17,6 +17,7 @@ COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 512
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 MAX_NODES = 100_000
+EARLY_BLENDER = "Khronos Blender glTF 2.0 exporter"  # its successor calls itself "… Blender I/O"
 DAMAGED = "the file is damaged, export it again"
 
 
@@ -102,10 +103,20 @@ class _Reader:
             self.notes.append("skins and animations were left out: the mesh is in its rest pose")
         texture = self._joined(uv, faces)
         if texture is not None and not self.doc.get("images"):
-            self.notes.append(
-                "it brings no map of its own: should yours land upside down, say that its v runs up"
-            )
-        return RawMesh(np.concatenate(vertices), np.concatenate(faces), texture, self.notes)
+            return self._without_maps(np.concatenate(vertices), np.concatenate(faces), texture)
+        return RawMesh(np.concatenate(vertices), np.concatenate(faces), texture, self.notes, "down")
+
+    def _without_maps(self, vertices: np.ndarray, faces: np.ndarray, texture: np.ndarray) -> RawMesh:
+        """A mesh none of whose maps can tell which way v runs: the format's way, or its exporter's."""
+        if not str(self.doc["asset"].get("generator", "")).startswith(EARLY_BLENDER):
+            self.notes.append("it brings no map of its own: should yours land upside down, set v to up")
+            return RawMesh(vertices, faces, texture, self.notes, "down")
+        texture[..., 1] = 1 - texture[..., 1]
+        self.notes.append(
+            "it has no map and comes from an early Blender exporter, so its v was taken to run up: "
+            "should your map land upside down, set v to down"
+        )
+        return RawMesh(vertices, faces, texture, self.notes, "up")
 
     def _joined(self, uv: list, faces: list) -> np.ndarray | None:
         lacking = sum(len(f) for f, t in zip(faces, uv) if t is None)

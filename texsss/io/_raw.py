@@ -1,6 +1,7 @@
 """What every mesh reader hands back, before units, merging and checks."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -15,13 +16,14 @@ class RawMesh:
     """Triangles as the file has them.
 
     `vertices` (V, 3) and `uv` (F, 3, 2), v down, are float64, `faces` (F, 3) int64. `notes` are
-    sentences for the user.
+    sentences for the user. `v_runs`: which way v was taken to run in the file.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray | None
     notes: list[str] = field(default_factory=list)
+    v_runs: Literal["up", "down"] = "up"
 
 
 class Fault(Exception):

@@ -80,8 +80,8 @@ def read_mesh(
     for STL, as printers have it; else by the longest side: metres below 3 units, centimetres below 300,
     else millimetres. `up`: the file's axis that points up. Vertices merge where float32 cannot part them;
     texture coordinates stay per corner and come out v down. `v`: which way the file's own v runs; `auto` as
-    its format prescribes, down in glTF and up elsewhere (some glTF get it wrong, and only the map can
-    tell). Faces keep the file's order;
+    its format prescribes, down in glTF and up elsewhere, but up in glTF without maps from early Blender
+    exporters, which left it so. Faces keep the file's order;
     triangles without area are dropped. Other files that the mesh refers to are never opened.
     Raises AssetError: when the file is missing, unreadable, no mesh, or no surface; when vertices or texture
     coordinates are not finite, or only some faces have the latter; when the size is not sensible.
@@ -99,7 +99,7 @@ def read_mesh(
         kind = mesh_format(data, file_type or Path(name).suffix)
         unit = None if unit_mm is None else float(unit_mm)
         raw = READERS[kind](data)
-        if raw.uv is not None and v != "auto" and (v == "down") != (kind in ("glb", "gltf")):
+        if raw.uv is not None and v not in ("auto", raw.v_runs):
             raw.uv[..., 1] = 1 - raw.uv[..., 1]
         return _finished(raw, kind, unit, up, Path(name).stem)
     except Fault as fault:
