@@ -4,8 +4,8 @@ import time
 
 import pytest
 import torch
-
 from charted_shapes import sheet, soup, sphere
+
 from texsss.errors import Cancelled, DomainError
 from texsss.io.meshes import read_mesh
 from texsss.surface.atlas import make_atlas

@@ -2,8 +2,8 @@
 
 import pytest
 import torch
-
 from charted_shapes import sheet, sphere
+
 from texsss.surface.doctor import COLOURS, examine
 from texsss.surface.mesh import Mesh
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 import torch
-
 from charted_shapes import sheet, sphere
+
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points, face_jacobian
 

@@ -4,10 +4,10 @@ import itertools
 
 import pytest
 import torch
+from charted_shapes import sheet, soup, sphere
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from charted_shapes import sheet, soup, sphere
 from texsss.errors import Cancelled, DomainError, ShapeError
 from texsss.numerics.sampling import bilinear
 from texsss.surface.mesh import Mesh

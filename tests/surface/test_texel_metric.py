@@ -3,8 +3,8 @@
 import jaxtyping
 import pytest
 import torch
-
 from charted_shapes import sheet, soup, sphere
+
 from texsss.errors import ShapeError
 from texsss.surface.dilate import dilate, nearest_filled
 from texsss.surface.mesh import Mesh
