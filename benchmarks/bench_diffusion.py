@@ -7,6 +7,7 @@ import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import kornia
 import torch
@@ -24,6 +25,7 @@ HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePe
 HEAD_MM = 240.0
 SQUARE_STD = torch.logspace(0, 2, 8)  # texels
 HEAD_STD = torch.logspace(-0.7, 1, 8)  # mm
+Result = TypeVar("Result")
 
 
 def main() -> None:
@@ -106,14 +108,16 @@ def separable(image: Tensor, std: float) -> Tensor:
     return kornia.filters.gaussian_blur2d(image, (reach, reach), (std, std), border_type="constant")
 
 
-def best(work: Callable, repeats: int) -> tuple[float, object]:
+def best(work: Callable[[], Result], repeats: int) -> tuple[float, Result]:
     """The shortest of several runs [s] and the last result."""
-    seconds = []
+    seconds = float("inf")
+    result = None
     for _ in range(repeats):
         start = time.perf_counter()
         result = work()
-        seconds.append(time.perf_counter() - start)
-    return min(seconds), result
+        seconds = min(seconds, time.perf_counter() - start)
+    assert result is not None
+    return seconds, result
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from texsss.errors import DomainError
 from texsss.numerics.sparse import Sparse, product
 from texsss.surface.points import TexelMaps
 from texsss.transport.neighbours import pairs_within, voxel_clusters
-from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
 REACH = 3.0  # texel kernels end at this many standard deviations
 CLUSTER_REACH = 3.2  # those of clusters, which are applied alone
@@ -224,21 +224,31 @@ def _balanced(
         counts.append(torch.bincount(row, minlength=block.stop - block.start))
     count, column, squared = torch.cat(counts), torch.cat(columns), torch.cat(squares)
     del columns, squares
-    start = torch.cat([count.new_zeros(1), count.cumsum(0)]).to(torch.int32)
 
     beta = 1 / (4 * wanted)  # a pair's kernel is exp(-d² (β_i + β_j))
-    for fit in range(fits + 1):
+    for _ in range(fits):
         check_cancelled(cancel)
-        value = torch.repeat_interleave(beta, count).add_(beta.index_select(0, column))
-        value = value.mul_(squared).neg_().clamp_(min=-FADED).exp_()
-        kernel = Sparse(start, column, value, len(points))
-        received = 1 / kernel.times(area[:, None])[:, 0]
-        moment = Sparse(start, column, value * squared, len(points)).times(area[:, None])[:, 0]
-        added = moment * received / 2
-        if fit < fits:
-            beta = beta * (added / wanted).clamp(0.3, 3)
+        beta = beta * (_kernel(beta, count, column, squared, area)[2] / wanted).clamp(0.3, 3)
+    kernel, received, added = _kernel(beta, count, column, squared, area)
     variance = float((added * area).sum() / area.sum())
     return Balanced(kernel, area, received, variance), added
+
+
+def _kernel(
+    beta: Float[Tensor, " P"],
+    count: Int[Tensor, " P"],
+    column: Int[Tensor, " M"],
+    squared: Float[Tensor, " M"],
+    area: Float[Tensor, " P"],
+) -> tuple[Sparse, Float[Tensor, " P"], Float[Tensor, " P"]]:
+    """The kernel of widths β over the pairs, the inverse of its row sums, and what it adds [mm²]."""
+    start = torch.cat([count.new_zeros(1), count.cumsum(0)]).to(torch.int32)
+    value = torch.repeat_interleave(beta, count).add_(beta.index_select(0, column))
+    value = value.mul_(squared).neg_().clamp_(min=-FADED).exp_()
+    kernel = Sparse(start, column, value, len(beta))
+    received = 1 / kernel.times(area[:, None])[:, 0]
+    moment = Sparse(start, column, value * squared, len(beta)).times(area[:, None])[:, 0]
+    return kernel, received, moment * received / 2
 
 
 def _interpolation(
