@@ -191,11 +191,10 @@ def test_uniform_march_is_its_literal_twin(seed):
             np.testing.assert_allclose(ours[p].numpy(), twin, rtol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["exact", "uniform"])
-def test_views_of_a_slab_add_up_to_its_single_scattering(shared_data, method):
+def test_views_of_a_slab_add_up_to_its_single_scattering(shared_data):
     """∫ L cos dω over the hemisphere = R1 of the integral transport equation, eta 1 to 1.5.
 
-    48 Gauss nodes in μ; measured 4e-4 (exact), 8e-3 (400 uniform samples).
+    48 Gauss nodes in μ.
     """
     x, w = np.polynomial.legendre.leggauss(48)
     mu = torch.from_numpy((x + 1) / 2).float()
@@ -208,10 +207,7 @@ def test_views_of_a_slab_add_up_to_its_single_scattering(shared_data, method):
             Layer(Medium([la.sigma_a] * 3, [la.sigma_s] * 3, 0.0, eta), la.thickness) for la in case.layers
         ]
         light = DirectionalLight([0.0, 1.0, 0.0], UNIT)
-        samples = 4 if method == "exact" else 400
-        radiance = march(
-            centre(48), square(), None, Stack(layers), [light], view, method=method, samples=samples
-        )
+        radiance = march(centre(48), square(), None, Stack(layers), [light], view)
         total = float((radiance[:, 0] * weight).sum()) / fresnel.transmittance(1.0, eta)
         bounces = not math.isinf(case.layers[-1].thickness) and eta > 1
         # slabs of eta > 1 also reflect the beam from below, which the march leaves out
@@ -257,16 +253,16 @@ def test_light_adds_up_and_scales():
 
 
 def test_sky_is_what_many_suns_add_up_to():
-    """A constant sky over a flat slab, against 64 × 4 directions of its hemisphere."""
-    x, w = np.polynomial.legendre.leggauss(64)
+    """A constant sky over a flat slab, against 16 × 6 directions of its hemisphere."""
+    x, w = np.polynomial.legendre.leggauss(16)
     mu, eye = (x + 1) / 2, unit(torch.tensor([0.3, 0.9, 0.1]))
     stack = Stack([Layer(m, d) for m, d in zip(fish(), [0.3, 0.5, 1.5])])
     suns = [
         DirectionalLight(
             [math.sqrt(1 - m * m) * math.cos(a), float(m), math.sqrt(1 - m * m) * math.sin(a)], [v] * 3
         )
-        for m, v in zip(mu, w * math.pi / 8)
-        for a in np.arange(8) * math.pi / 4
+        for m, v in zip(mu, w * math.pi / 6)
+        for a in np.arange(6) * math.pi / 3
     ]
     truth = march(centre(1), square(), None, stack, suns, eye[None])
     sky = march(
@@ -355,15 +351,16 @@ def test_gradients_reach_depths_and_coefficients(method):
     free = torch.ones_like(depth)
     free[0, 0, 1] = 0
     sigma_s, sigma_a, g = (
-        torch.tensor([[1.0, 0.7], [2.0, 1.2]]),
-        torch.tensor([[0.6, 0.5], [0.4, 0.3]]),
+        torch.tensor([[1.0, 0.7, 0.5], [2.0, 1.2, 0.8]]),
+        torch.tensor([[0.6, 0.5, 0.4], [0.4, 0.3, 0.2]]),
         torch.tensor([[0.3], [0.6]]),
     )
     sigma_s, sigma_a, g = (x.double().requires_grad_() for x in (sigma_s, sigma_a, g))
     inputs = (torch.zeros_like(depth).requires_grad_(), sigma_s, sigma_a, g)
     if method == "exact":
-        shift = lambda z, *rest: radiance(depth + z * free, *(3.0 * 0 + r for r in rest))  # noqa: E731
-        assert torch.autograd.gradcheck(shift, inputs, eps=1e-7, atol=1e-5, rtol=1e-3)
+        assert torch.autograd.gradcheck(
+            lambda z, *r: radiance(depth + z * free, *r), inputs, eps=1e-7, atol=1e-5, rtol=1e-3
+        )
     else:
         # samples jump from layer to layer: depth has no gradient through which layer they fall in
         assert torch.autograd.gradcheck(

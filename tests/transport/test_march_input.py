@@ -35,7 +35,7 @@ def centre(count: int = 1) -> Points:
 
 
 def seen_from(*direction: float) -> torch.Tensor:
-    return unit(torch.tensor([direction]))
+    return unit(torch.tensor([direction], dtype=torch.float32))
 
 
 def test_depths_that_decrease_are_named_and_sorted_only_on_request():

@@ -123,4 +123,4 @@ def test_bad_input():
     with pytest.raises(DomainError, match="opacity"):
         opacity_from_photograph(ramp(), least=0.9, most=0.1)
     with pytest.raises(DomainError, match="strength"):
-        normals_from_photograph(ramp(), strength=-1)
+        normals_from_photograph(ramp(), strength=-1.0)

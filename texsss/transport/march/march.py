@@ -6,7 +6,7 @@ import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError, ShapeError
-from texsss.light.emitters import Light
+from texsss.light.emitters import Environment, Light
 from texsss.light.irradiance import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
@@ -42,7 +42,7 @@ def march(
     compiled: bool = False,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
-) -> Float[Tensor, "P C"]:
+) -> Float[Tensor, "P 3"]:
     """Radiance that leaves towards the eye after one scattering [W/(m² sr)], linear RGB.
 
     `points`: texels or camera hits, alike. `planes`: what the surface looks like from within; fitted
@@ -63,8 +63,10 @@ def march(
     interior = interior.to(mesh.vertices)
     _check(points, method, samples, phase, view, environment_samples, area_samples)
     channels = interior.sigma_t.shape[-1]
+    if channels not in (1, 3):
+        raise ShapeError(f"march: expected media of 1 or 3 channels, as lights have, got {channels}.")
     if len(points) == 0:
-        return mesh.vertices.new_zeros(0, max(3, channels))
+        return mesh.vertices.new_zeros(0, 3)
     planes = planes or _planes(mesh, interior)
     surface = Surface(mesh, planes, check_uv(mesh, uv, interior))
     if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
@@ -85,7 +87,13 @@ def march(
         origin = None if occluder is None else smooth_origin(here, mesh)
         total = torch.zeros_like(sites.position)
         for number, light in enumerate(lights):
-            count = 1 if light.is_delta else environment_samples if light.is_environment else area_samples
+            count = (
+                1
+                if light.is_delta
+                else environment_samples
+                if isinstance(light, Environment)
+                else area_samples
+            )
             for square in _squares(count, len(here), seed + number, generator):
                 check_cancelled(cancel)
                 seen = light.sample(sites.position, sites.normal, square.to(sites.position))
