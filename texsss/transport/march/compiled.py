@@ -34,6 +34,9 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     if not compiler_found():
         _notice("no C++ compiler or no Python.h was found")
         return kernel
+    from torch._dynamo.exc import TorchDynamoException  # seconds to import, so only here
+    from torch._inductor.exc import InductorError
+
     os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
     fast = torch.compile(kernel, dynamic=False, fullgraph=True, options=OPTIONS)
     state = {"call": fast}
@@ -41,7 +44,7 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     def call(*args: Any) -> Any:
         try:
             return state["call"](*args)
-        except (torch._dynamo.exc.TorchDynamoException, torch._inductor.exc.InductorError) as error:
+        except (TorchDynamoException, InductorError) as error:
             _notice(f"compilation failed ({type(error).__name__})")
             state["call"] = kernel
             return kernel(*args)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from texsss.errors import DomainError, ShapeError
 from texsss.surface.mesh import Mesh
@@ -71,7 +71,7 @@ def fit_planes(mesh: Mesh, radius_mm: float) -> Planes:
     vertices = mesh.vertices.detach().cpu().double().numpy()
     outward = _vertex_normals(mesh).cpu().double().numpy()
     radius = min(radius_mm, 2 * mesh.diagonal_mm)
-    tree = cKDTree(vertices)
+    tree = KDTree(vertices)
     probe = vertices[:: max(1, len(vertices) // 256)]
     typical = tree.query_ball_point(probe, radius, return_length=True).mean()
     if typical * len(vertices) > 2 * MOST_PAIRS:
@@ -113,7 +113,7 @@ def _fit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centroid (n, 3), normal (n, 3) of the plane around every site, and whether there is one (n,)."""
     count = len(sites)
-    pairs = cKDTree(sites).query_pairs(radius, output_type="ndarray")
+    pairs = KDTree(sites).query_pairs(radius, output_type="ndarray")
     alike = np.einsum("pd,pd->p", outward[pairs[:, 0]], outward[pairs[:, 1]]) > 0
     a, b = pairs[alike].T
     own = np.arange(count)
