@@ -1,7 +1,11 @@
 """Scenes baked one after the other, with the results of their stages kept in between."""
 
 from texsss.cache import StageCache
+from texsss.curve import curve
+from texsss.inspection import inspect
+from texsss.intermediates import intermediate
 from texsss.pipeline import Run
+from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.types import Cancel, Float, Progress, Tensor
@@ -10,24 +14,45 @@ from texsss.types import Cancel, Float, Progress, Tensor
 class Baker:
     """Runs the stages of scenes in order and keeps their results, at most `cache_bytes` in all.
 
+    `assets` finds the file of an uploaded asset by its sha256, for scenes that name some.
     Not for use from several threads at once. Raises TexsssError: whatever a stage says of its input.
     """
 
-    def __init__(self, cache_bytes: int = 4 << 30):
+    def __init__(self, cache_bytes: int = 4 << 30, *, assets: Assets | None = None):
         self.cache = StageCache(cache_bytes)
+        self.assets = assets
 
     def bake(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
         """The baked scene. `progress` hears (stage, fraction); `cancel` is asked between steps.
 
         Raises Cancelled: when `cancel` says so; nothing is lost of what was already kept.
         """
-        return Run(self.cache, scene, progress, cancel).baked()
+        return self._run(scene, progress, cancel).baked()
 
     def render(
         self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
     ) -> Float[Tensor, "h w 3"]:
         """The scene's picture, linear RGB. As `bake` otherwise."""
-        return Run(self.cache, scene, progress, cancel).picture
+        return self._run(scene, progress, cancel).picture
+
+    def intermediate(
+        self, scene: Scene, name: str, *, progress: Progress | None = None, cancel: Cancel | None = None
+    ) -> Float[Tensor, "H W C"]:
+        """What lies between the stages, over the atlas; see `texsss.intermediates`. As `bake` otherwise."""
+        return intermediate(self._run(scene, progress, cancel), name)
+
+    def curve(self, scene: Scene, *, cancel: Cancel | None = None) -> dict:
+        """The scattering profile of the scene's material as numbers to plot; see `texsss.curve`."""
+        return curve(self._run(scene, None, cancel))
+
+    def inspect(
+        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+    ) -> dict:
+        """Mesh, texture coordinates and scale of a scene, examined; see `texsss.inspection`."""
+        return inspect(self._run(scene, progress, cancel))
+
+    def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
+        return Run(self.cache, scene, progress, cancel, self.assets)
 
 
 def bake(scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:

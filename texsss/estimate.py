@@ -9,6 +9,7 @@ POINT_BYTES = 28 + 6 * 12  # a texel's place, and what every stage holds of it i
 GAUSSIAN_BYTES = 12  # one blurred copy, RGB
 GRID_BYTES = 120  # images of the full square during diffusion and export
 SECONDS_PER_TEXEL = {"uv": 1.6e-6, "none": 0.2e-6}  # per texel and Gaussian of the full square
+RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
 RAYS_PER_SECOND = 1.5e6
 XATLAS_FACES_PER_SECOND = 5e3
 PACKED_SHARE = 0.7  # of the square that a made atlas covers
@@ -27,7 +28,7 @@ def estimate(scene: Scene) -> dict[str, str]:
     texels = round(share * size * size)
     memory = FIXED_BYTES + texels * (POINT_BYTES + terms * GAUSSIAN_BYTES) + size * size * GRID_BYTES
     blur = SECONDS_PER_TEXEL.get(scene.methods.diffusion, max(SECONDS_PER_TEXEL.values())) * terms
-    lamps = len(resolve.lights(scene, mesh))
+    lamps = sum(RAYS_PER_LIGHT.get(light.type, 1) for light in scene.lights)
     seconds = 2.0 + size * size * blur / 3 + texels * lamps / RAYS_PER_SECOND
     seconds += mesh.faces.shape[0] / XATLAS_FACES_PER_SECOND if unwraps else 0.0
     width, height, depth = mesh.extent.tolist()

@@ -14,26 +14,23 @@ from typing import Any, Literal
 
 import torch
 
-from texsss import resolve
+from texsss import placing, resolve
 from texsss.cache import Kept, StageCache, content_key
 from texsss.errors import ShapeError, Unavailable
 from texsss.light.emitters import Light
 from texsss.light.irradiance import irradiance
 from texsss.light.visibility import Occluder
-from texsss.numerics.sampling import bilinear
+from texsss.look import bumped, map_names, painted, shader
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
 from texsss.report import describe
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.surface.atlas import make_atlas
-from texsss.surface.points import TexelMaps
 from texsss.surface.raster import rasterise
 from texsss.transport.bank import build_bank, diffusion, exitance
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
-from texsss.view.camera import Hits
 from texsss.view.picture import picture
-from texsss.view.shade import Gloss, shade
 from texsss.view.tonemap import tonemap
 
 STAGE_VERSIONS = {
@@ -55,9 +52,13 @@ STAGE_VERSIONS = {
 class Run:
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
-    def __init__(self, cache: StageCache, scene: Scene, progress: Progress | None, cancel: Cancel | None):
+    def __init__(
+        self,
+        cache: StageCache, scene: Scene, progress: Progress | None = None, cancel: Cancel | None = None,
+        assets: resolve.Assets | None = None,
+    ):  # fmt: skip
         refuse_what_is_missing(scene)
-        self.cache, self.scene, self.cancel = cache, scene, cancel
+        self.cache, self.scene, self.cancel, self.assets = cache, scene, cancel, assets
         self.tell: Progress = progress or (lambda stage, fraction: None)
         self.seconds: dict[str, float] = {}
 
@@ -82,9 +83,9 @@ class Run:
     @cached_property
     def mesh(self) -> Kept:
         """(Mesh [mm], notes)"""
-        spec = self.scene.mesh
+        spec, content = self.scene.mesh, resolve.digest(self.scene.mesh.source, self.assets)
         return self.stage(
-            "mesh", lambda: resolve.load_mesh(spec), resolve.digest(spec.source), spec.unit_mm, spec.up
+            "mesh", lambda: resolve.load_mesh(spec, self.assets), content, spec.unit_mm, spec.up, spec.v
         )
 
     @cached_property
@@ -118,8 +119,8 @@ class Run:
     def image(self, name: str) -> Kept:
         """A map by its name in the scene."""
         spec = self.scene.maps[name]
-        depends = resolve.digest(spec.source), spec.space, spec.channel
-        return self.stage("maps", lambda: resolve.load_map(spec), *depends)
+        depends = resolve.digest(spec.source, self.assets), spec.space, spec.channel
+        return self.stage("maps", lambda: resolve.load_map(spec, self.assets), *depends)
 
     @cached_property
     def source_uv(self) -> Float[Tensor, "F 3 2"]:
@@ -133,15 +134,21 @@ class Run:
         return mesh.source_uv
 
     @cached_property
+    def surface_maps(self) -> dict[str, Kept]:
+        """The maps of the surface by name. Raises ShapeError: when the mesh has nothing to lay them on."""
+        names = map_names(self.scene.material.surface)
+        return {name: self.image(name) for name in names} if names and self.source_uv is not None else {}
+
+    @cached_property
     def albedo(self) -> Kept | None:
         """Albedo at the texels (P, 3); None without a map."""
         name = self.scene.material.surface.albedo
         if name is None:
             return None
-        texels, image, uv = self.texels.value, self.image(name), self.source_uv
+        texels, image = self.texels.value, self.surface_maps[name]
 
         def make():
-            return at_texels(image.value, texels, uv).clamp(0, 1).expand(-1, 3)
+            return painted(image.value, texels.points, texels.mesh).expand(-1, 3)
 
         return self.stage("albedo", make, self.texels, image)
 
@@ -190,21 +197,43 @@ class Run:
     # light
 
     @cached_property
+    def panoramas(self) -> dict[str, Kept]:
+        """Images that light the scene, by name."""
+        return {name: self.image(name) for name in sorted(self.scene.panoramas())}
+
+    @cached_property
     def lights(self) -> list[Light]:
-        return resolve.lights(self.scene, self.mesh.value[0])
+        images = {name: kept.value for name, kept in self.panoramas.items()}
+        return placing.lights(self.scene, self.mesh.value[0], images)
+
+    @property
+    def lights_key(self) -> tuple:
+        """Everything that the lights are made from."""
+        return self.scene.lights, self.panoramas
 
     @cached_property
     def irradiance(self) -> Kept:
         """Entered irradiance at the texels (P, 3) [W/m²]."""
         (mesh, _), texels, eta = self.mesh.value, self.texels.value, self.stack.value.eta
         occluder, lights, seed = self.occluder.value, self.lights, self.scene.seed
+        surface = self.scene.material.surface
+        bump = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal]}
 
         def make():
+            images = {name: kept.value for name, kept in bump.items()}
             return irradiance(
-                texels.points, mesh, lights, eta=eta, occluder=occluder, seed=seed, **self.hooks("light")
+                texels.points,
+                mesh,
+                lights,
+                eta=eta,
+                occluder=occluder,
+                normals=bumped(surface, images, texels.points, mesh),
+                environment_samples=placing.environment_samples(self.scene),
+                seed=seed,
+                **self.hooks("light"),
             )
 
-        return self.stage("light", make, self.texels, self.scene.lights, eta, seed)
+        return self.stage("light", make, self.texels, self.lights_key, eta, seed, bump, surface.normal_y)
 
     @cached_property
     def bank(self) -> Kept:
@@ -255,42 +284,17 @@ class Run:
         """The picture, linear RGB."""
         scene, surface = self.scene, self.scene.material.surface
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
-        image, eta = self.exitance_image, self.stack.value.eta
-        view = resolve.camera(scene.camera, mesh)
-        name = surface.albedo if surface.albedo_mode != "pre" else None
-        albedo = None if name is None else self.image(name)
-        root = surface.albedo_mode == "both"
+        image, eta, maps = self.exitance_image, self.stack.value.eta, self.surface_maps
 
         def make():
-            colour = None if albedo is None else albedo.value.clamp(0, 1).expand(-1, -1, 3)
-            assert not isinstance(surface.roughness, str) and not isinstance(surface.specular, str)
-            gloss = Gloss(surface.roughness, surface.specular)
+            images = {name: kept.value for name, kept in maps.items()}
+            place = {"eta": eta, "occluder": occluder, "seed": scene.seed}
+            see = shader(surface, images, mesh, atlas.uv, image.value, self.lights, **place)
+            look = {"samples": scene.camera.samples, "background": placing.background(scene)}
+            view = placing.camera(scene.camera, mesh)
+            return picture(view, occluder, see, seed=scene.seed, **look, **self.hooks("picture"))
 
-            def shader(hits: Hits) -> Tensor:
-                return shade(
-                    hits,
-                    mesh,
-                    atlas.uv,
-                    image.value,
-                    self.lights,
-                    eta=eta,
-                    gloss=gloss,
-                    albedo=colour.sqrt() if root and colour is not None else colour,
-                    occluder=occluder,
-                    seed=scene.seed,
-                )
-
-            behind = resolve.background(scene)
-            return picture(
-                view,
-                occluder,
-                shader,
-                samples=scene.camera.samples,
-                background=behind,
-                **self.hooks("picture"),
-            )
-
-        lit = (image, albedo, scene.lights, eta, surface, scene.camera, scene.output.background, scene.seed)
+        lit = (image, maps, self.lights_key, eta, surface, scene.camera, scene.output.background, scene.seed)
         return self.stage("picture", make, *lit).value[..., :3]
 
     def baked(self) -> Baked:
@@ -311,13 +315,6 @@ class Run:
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)
 
 
-def at_texels(
-    image: Float[Tensor, "h w C"], texels: TexelMaps, uv: Float[Tensor, "F 3 2"]
-) -> Float[Tensor, "P C"]:
-    """A map in the author's texture coordinates at the texels; it tiles."""
-    return bilinear(image, texels.points.uv(uv), wrap="repeat")
-
-
 AVAILABLE = {
     "diffusion": ("none", "uv"),
     "single_scattering": ("none",),
@@ -334,11 +331,4 @@ def refuse_what_is_missing(scene: Scene) -> None:
             raise Unavailable(
                 f"Scene: methods.{field}: {value!r} is not in this version yet; "
                 f"choose {' or '.join(repr(choice) for choice in choices)}."
-            )
-    surface = scene.material.surface
-    for field in ("normal", "roughness", "specular"):
-        if isinstance(getattr(surface, field), str):
-            raise Unavailable(
-                f"Scene: material.surface.{field}: maps are not read in this version yet; "
-                "leave it out or give a number."
             )

@@ -1,6 +1,6 @@
-"""From a scene to tensors: files found and read, names looked up, lights and camera placed."""
+"""From a scene to tensors: files found and read, names looked up, layers stacked."""
 
-import math
+from collections.abc import Callable
 from functools import lru_cache
 from hashlib import blake2b
 from importlib.resources import files
@@ -12,35 +12,32 @@ import torch
 from texsss.errors import AssetError, DomainError
 from texsss.io.images import read_image
 from texsss.io.meshes import MeshNotes, read_mesh
-from texsss.light.emitters import ConstantEnvironment, DirectionalLight, Light, PointLight
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
 from texsss.scene import Scene
 from texsss.specs import (
-    CameraSpec,
-    DirectionalSpec,
-    EnvironmentSpec,
     MapSpec,
     MapValue,
     MeshSpec,
     Mix,
-    PointSpec,
     Source,
-    StudioSpec,
 )
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
-from texsss.view.camera import Camera, fit_camera
 
-BACKDROP = ((0.020, 0.024, 0.030), (0.075, 0.082, 0.092))
+Images = dict[str, Float[Tensor, "_ _ _"]]
+"""Maps by their name in the scene, (H, W, C) of any size, linear."""
 
-Images = dict[str, Float[Tensor, "H W C"]]
+Assets = Callable[[str], Path]
+"""The file of an uploaded asset by its sha256. Raises AssetError: when it isn't there."""
 
 
-def locate(source: Source) -> Path:
+def locate(source: Source, assets: Assets | None = None) -> Path:
     """The file that a source names. Raises AssetError: when there is none."""
     if source.asset is not None:
+        if assets is not None:
+            return assets(source.asset)
         raise AssetError(
             f"Source: asset {source.asset[:12]}… is known to the service only; give a path instead."
         )
@@ -66,9 +63,9 @@ def builtins() -> list[str]:
     )
 
 
-def digest(source: Source) -> str:
+def digest(source: Source, assets: Assets | None = None) -> str:
     """A name for the content of a source's file."""
-    path = locate(source)
+    path = locate(source, assets)
     status = path.stat()
     return _file_digest(str(path), status.st_mtime_ns, status.st_size)
 
@@ -78,25 +75,21 @@ def _file_digest(path: str, modified_ns: int, size: int) -> str:
     return blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
 
 
-def load_mesh(spec: MeshSpec) -> tuple[Mesh, MeshNotes]:
+def load_mesh(spec: MeshSpec, assets: Assets | None = None) -> tuple[Mesh, MeshNotes]:
     """The mesh [mm] of a scene and what had to be assumed about it."""
-    return read_mesh(locate(spec.source), unit_mm=spec.unit_mm, up=spec.up)
+    return read_mesh(locate(spec.source, assets), unit_mm=spec.unit_mm, up=spec.up, v=spec.v)
 
 
-def load_map(spec: MapSpec) -> Float[Tensor, "H W C"]:
+def load_map(spec: MapSpec, assets: Assets | None = None) -> Float[Tensor, "H W C"]:
     """A map, linear; its chosen channel alone where one is chosen."""
-    return read_image(locate(spec.source), spec.space, spec.channel)
+    return read_image(locate(spec.source, assets), spec.space, spec.channel)
 
 
 def material_maps(scene: Scene) -> list[str]:
     """Names of the maps that a scene's layers use."""
-    return sorted({name for field, name in scene.map_names() if not field.startswith("material.surface")})
-
-
-def background(scene: Scene) -> tuple:
-    """Linear background of the picture: the scene's colour, or a dark studio backdrop from top to bottom."""
-    colour = scene.output.background
-    return BACKDROP if colour is None else colour
+    return sorted(
+        {name for field, name in scene.map_names() if field.startswith(("material.layers", "media"))}
+    )
 
 
 def stack(scene: Scene, images: Images) -> Stack:
@@ -141,56 +134,3 @@ def _value(value: Any, images: Images) -> Any:
 
 def _grey(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W"]:
     return image.mean(-1)
-
-
-def lights(scene: Scene, mesh: Mesh) -> list[Light]:
-    """The emitters of a scene; a studio is placed around the mesh."""
-    placed: list[Light] = []
-    for spec in scene.lights:
-        match spec:
-            case PointSpec():
-                placed.append(
-                    PointLight(torch.tensor(spec.position_mm), torch.tensor(spec.intensity_w_per_sr))
-                )
-            case DirectionalSpec():
-                placed.append(
-                    DirectionalLight(torch.tensor(spec.direction), torch.tensor(spec.irradiance_w_per_m2))
-                )
-            case EnvironmentSpec():
-                placed.append(ConstantEnvironment(torch.tensor(spec.radiance)))
-            case StudioSpec():
-                placed += studio(mesh, spec.intensity)
-    return placed
-
-
-def studio(mesh: Mesh, intensity: float = 1.0) -> list[Light]:
-    """Key, rim and fill around a mesh, at distances that scale with it.
-
-    The key gives π W/m² at the centre when it faces it, so that a white diffuse surface shows 1;
-    the rim from behind is as strong, and shines through what is thin; the fill is dim and cool.
-    """
-    centre = (mesh.vertices.amax(0) + mesh.vertices.amin(0)).detach() / 2
-    distance = 2.0 * mesh.diagonal_mm
-    per_unit = intensity * math.pi * (distance / 1000) ** 2  # W/sr for π W/m² at the centre
-
-    def lamp(direction: list[float], colour: list[float], strength: float) -> PointLight:
-        aim = torch.tensor(direction)
-        position = centre + aim / torch.linalg.vector_norm(aim) * distance
-        return PointLight(position, strength * per_unit * torch.tensor(colour))
-
-    return [
-        lamp([0.75, 0.6, 0.9], [1.0, 0.96, 0.9], 1.0),
-        lamp([-0.8, 0.5, -0.9], [0.9, 0.95, 1.0], 1.0),
-        lamp([-0.8, 0.1, 1.0], [0.85, 0.93, 1.0], 0.12),
-    ]
-
-
-def camera(spec: CameraSpec, mesh: Mesh) -> Camera:
-    """The camera of a scene; fitted around the mesh unless placed."""
-    fov_y = math.radians(spec.fov_y_deg)
-    if spec.fit or spec.position_mm is None or spec.target_mm is None:
-        return fit_camera(
-            mesh, direction=torch.tensor(spec.direction), fov_y=fov_y, resolution=spec.resolution
-        )
-    position, target = torch.tensor(spec.position_mm), torch.tensor(spec.target_mm)
-    return Camera(position, target, torch.tensor([0.0, 1.0, 0.0]), fov_y, spec.resolution)

@@ -16,6 +16,7 @@ from texsss.specs import (
     AtlasSpec,
     CameraSpec,
     Count,
+    EnvironmentSpec,
     LightSpec,
     MapSpec,
     MapValue,
@@ -84,6 +85,10 @@ class Scene(Model):
                 raise ValueError(f"{where}: no map is named {name!r}; maps has {sorted(self.maps) or 'none'}")
         return self
 
+    def panoramas(self) -> set[str]:
+        """Names of the maps that light the scene."""
+        return {light.map for light in self.lights if isinstance(light, EnvironmentSpec) and light.map}
+
     def map_names(self) -> list[tuple[str, str]]:
         """(field, map name) of every map that something refers to."""
         surface = self.material.surface
@@ -91,6 +96,7 @@ class Scene(Model):
             (f"material.surface.{f}", getattr(surface, f))
             for f in ("albedo", "normal", "roughness", "specular")
         ]
+        used += [(f"lights.{i}.map", getattr(light, "map", None)) for i, light in enumerate(self.lights)]
         for i, layer in enumerate(self.material.layers):
             where = f"material.layers.{i}"
             if isinstance(layer.medium, Mix):

@@ -43,11 +43,15 @@ SourceField = Annotated[Source, BeforeValidator(_as_source)]
 
 
 class MeshSpec(Model):
-    """The mesh file, how long one of its units is [mm] (None: assumed, and said), and which way is up."""
+    """The mesh file, how long one of its units is [mm] (None: assumed, and said), and which way is up.
+
+    `v`: which way v of its texture coordinates runs; `auto` as its format prescribes.
+    """
 
     source: SourceField
     unit_mm: Positive | None = None
-    up: Literal["y", "z"] = "y"
+    up: Literal["y", "z", "x", "-y", "-z", "-x"] = "y"
+    v: Literal["auto", "up", "down"] = "auto"
 
 
 def _as_mesh(value: Any) -> Any:
@@ -118,7 +122,9 @@ class SurfaceSpec(Model):
 
     `albedo_mode` says where the albedo applies: before diffusion, after it, or its root at both.
     With an albedo map, profiles are normalised to total 1 per channel, unless `normalise` says
-    otherwise: else skin would darken twice.
+    otherwise: else skin would darken twice. `normal_y`: whether green leans up (OpenGL) or down
+    (DirectX) in the normal map. `roughness` and `specular` are numbers or names of grey maps;
+    `second_lobe` is the share of a second, coarser highlight, which skin has.
     """
 
     albedo: str | None = None
@@ -128,6 +134,7 @@ class SurfaceSpec(Model):
     normal_y: Literal["+y", "-y"] = "+y"
     roughness: Unit | str = 0.4
     specular: Unit | str = 1.0
+    second_lobe: Unit = 0.0
 
 
 class MaterialSpec(Model):
@@ -161,11 +168,50 @@ class DirectionalSpec(Model):
     irradiance_w_per_m2: Colour = (3.0, 3.0, 3.0)
 
 
+class SpotSpec(Model):
+    """A point light in a cone around `direction`, the way it shines: full within `inner_deg`,
+    none beyond `outer_deg`.
+    """
+
+    type: Literal["spot"] = "spot"
+    position_mm: Vector
+    direction: Vector
+    intensity_w_per_sr: Colour = (1.0, 1.0, 1.0)
+    inner_deg: Annotated[Number, Field(ge=0, lt=90)] = 20.0
+    outer_deg: Annotated[Number, Field(gt=0, le=90)] = 25.0
+
+
+class RectangleSpec(Model):
+    """A panel around `position_mm` whose edges are two vectors [mm]; it shines towards width × height."""
+
+    type: Literal["rectangle"] = "rectangle"
+    position_mm: Vector
+    width_mm: Vector
+    height_mm: Vector
+    radiance: Colour = (1.0, 1.0, 1.0)
+
+
+class SphereSpec(Model):
+    """A glowing ball: centre and radius [mm], radiance [W/(m² sr)]."""
+
+    type: Literal["sphere"] = "sphere"
+    position_mm: Vector
+    radius_mm: Positive
+    radiance: Colour = (1.0, 1.0, 1.0)
+
+
 class EnvironmentSpec(Model):
-    """Light from everywhere: one radiance [W/(m² sr)]."""
+    """Light from everywhere: one radiance [W/(m² sr)], or a panorama (a name in `maps`) times it.
+
+    The centre of the panorama lies towards -z, behind the object seen from the front; `rotation_deg` turns it
+    counter-clockwise seen from above.
+    """
 
     type: Literal["environment"] = "environment"
     radiance: Colour = (1.0, 1.0, 1.0)
+    map: str | None = None
+    rotation_deg: Number = 0.0
+    samples: Annotated[Count, Field(ge=1, le=65536)] = 64
 
 
 class StudioSpec(Model):
@@ -176,7 +222,9 @@ class StudioSpec(Model):
 
 
 LightSpec = Annotated[
-    Union[PointSpec, DirectionalSpec, EnvironmentSpec, StudioSpec],  # noqa: UP007
+    Union[  # noqa: UP007
+        PointSpec, SpotSpec, DirectionalSpec, RectangleSpec, SphereSpec, EnvironmentSpec, StudioSpec
+    ],
     Field(discriminator="type"),
 ]
 
