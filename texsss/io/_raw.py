@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, TooLarge
 
 MAX_FACES = 10_000_000
 MAX_VERTICES = 30_000_000
@@ -29,13 +29,15 @@ class RawMesh:
 class Fault(Exception):
     """What is wrong with a file and what to do, to be completed by the file's name."""
 
-    def __init__(self, fault: str, remedy: str = "export it again"):
+    def __init__(self, fault: str, remedy: str = "export it again", *, counts: tuple[int, int] | None = None):
         super().__init__(fault)
         self.fault, self.remedy = fault, remedy
+        self.counts = counts  # how many may be and are, where that is the fault
 
     def named(self, name: str) -> AssetError:
         """The error for the user."""
-        return AssetError(f"{name}: {self.fault}; {self.remedy}.")
+        sentence = f"{name}: {self.fault}; {self.remedy}."
+        return AssetError(sentence) if self.counts is None else TooLarge(sentence, *self.counts)
 
 
 def check_counts(vertices: int, faces: int) -> None:
@@ -45,6 +47,7 @@ def check_counts(vertices: int, faces: int) -> None:
             f"expected at most {MAX_FACES:,} triangles and {MAX_VERTICES:,} vertices, "
             f"got {faces:,} and {vertices:,}",
             "decimate the mesh",
+            counts=(MAX_FACES, faces) if faces > MAX_FACES else (MAX_VERTICES, vertices),
         )
 
 

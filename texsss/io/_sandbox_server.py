@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from texsss.errors import AssetError
+from texsss.io.images import read_image
 from texsss.io.meshes import read_mesh
 
 
@@ -94,16 +95,27 @@ def _limit(memory_mb: float, timeout_s: float) -> None:
 
 def _answer(options: dict, data: bytes) -> bytes:
     try:
-        mesh, notes = read_mesh(
-            data,
-            unit_mm=options["unit_mm"],
-            up=options["up"],
-            v=options["v"],
-            file_type=options["file_type"],
-            name=options["name"],
-        )
+        return b"ok   " + (_mesh(options, data) if options["task"] == "mesh" else _image(options, data))
     except AssetError as error:
-        return b"error" + str(error).encode()
+        told = {"sentence": str(error)}
+        told |= {field: getattr(error, field, None) for field in ("limit", "actual")}
+        return b"error" + json.dumps(told).encode()
+
+
+def _image(options: dict, data: bytes) -> bytes:
+    image = read_image(data, name=options["name"], max_pixels=options["max_pixels"])
+    return json.dumps(list(image.shape)).encode()
+
+
+def _mesh(options: dict, data: bytes) -> bytes:
+    mesh, notes = read_mesh(
+        data,
+        unit_mm=options["unit_mm"],
+        up=options["up"],
+        v=options["v"],
+        file_type=options["file_type"],
+        name=options["name"],
+    )
     arrays = {"vertices": mesh.vertices.numpy(), "faces": mesh.faces.numpy()}
     if mesh.source_uv is not None:
         arrays["source_uv"] = mesh.source_uv.numpy()
@@ -111,7 +123,7 @@ def _answer(options: dict, data: bytes) -> bytes:
     arrays["notes"] = np.frombuffer(notes_text.encode(), dtype=np.uint8)
     out = io.BytesIO()
     np.savez(out, allow_pickle=False, **arrays)
-    return b"ok   " + out.getvalue()
+    return out.getvalue()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import torch
 
-from texsss.errors import AssetError, ShapeError
+from texsss.errors import AssetError, ShapeError, TooLarge
 from texsss.io.files import read_bytes, replacing
 from texsss.types import Float, Tensor
 
@@ -57,8 +57,10 @@ def read_exr(
         low, high = header["dataWindow"]
         width, height = (int(h) - int(l) + 1 for l, h in zip(low, high))
         if not 0 < width * height <= max_pixels:
-            raise AssetError(
-                f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down."
+            raise TooLarge(
+                f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
+                max_pixels,
+                width * height,
             )
         chosen = _colours([channel.name for channel in header["channels"]], name)
         found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import torch
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, TooLarge
 from texsss.types import Float, Tensor
 
 MAGIC = b"#?"
@@ -27,8 +27,10 @@ def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[
         )
     down, height, right, width = size[1] == b"-", int(size[2]), size[3] == b"+", int(size[4])
     if not 0 < width * height <= max_pixels:
-        raise AssetError(
-            f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down."
+        raise TooLarge(
+            f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
+            max_pixels,
+            width * height,
         )
     if any(line.startswith(b"FORMAT=") and line != b"FORMAT=32-bit_rle_rgbe" for line in header):
         raise AssetError(f"{name}: expected RGBE colours, got another FORMAT; export it again.")

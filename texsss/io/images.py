@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from texsss.errors import AssetError, DomainError, ShapeError
+from texsss.errors import AssetError, DomainError, ShapeError, TooLarge
 from texsss.io import exr, hdr
 from texsss.io.files import read_bytes, replacing
 from texsss.types import Float, Tensor
@@ -99,8 +99,10 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
             picture = Image.open(io.BytesIO(data), formats=_PILLOW)
             width, height = picture.size
             if not 0 < width * height <= max_pixels:
-                raise AssetError(
-                    f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down."
+                raise TooLarge(
+                    f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
+                    max_pixels,
+                    width * height,
                 )
             if _is_deep_png(data):
                 return _deep_png(data, height, width)
@@ -109,8 +111,10 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
     except AssetError:
         raise
     except Image.DecompressionBombError as error:
-        raise AssetError(
-            f"{name}: expected at most {max_pixels} pixels, got far more; scale it down."
+        raise TooLarge(
+            f"{name}: expected at most {max_pixels} pixels, got far more; scale it down.",
+            max_pixels,
+            2 * Image.MAX_IMAGE_PIXELS if Image.MAX_IMAGE_PIXELS else max_pixels + 1,
         ) from error
     except UnidentifiedImageError as error:
         raise AssetError(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, LimitError, TooLarge
 from texsss.io.meshes import MeshNotes, Up, VDirection, bytes_of
 from texsss.surface.mesh import Mesh
 
@@ -70,17 +70,32 @@ class Sandbox:
             "v": v,
             "file_type": file_type,
             "name": name,
-            "memory_mb": self.memory_mb,
-            "timeout_s": self.timeout_s,
         }
+        return _unpacked(self._answer("mesh", options, data))
+
+    def examine_image(self, data: bytes, *, name: str, max_pixels: int) -> tuple[int, int, int]:
+        """Height, width and channels of an image, which was read whole by `texsss.io.images.read_image`.
+
+        Raises AssetError: as there, and when the file needs more time or memory than allowed.
+        """
+        answer = self._answer("image", {"name": name, "max_pixels": max_pixels}, data)
+        height, width, channels = json.loads(answer)
+        return height, width, channels
+
+    def _answer(self, task: str, options: dict, data: bytes) -> bytes:
+        """What the child hands back. Raises TooLarge, LimitError, AssetError: what it tells."""
+        limits = {"memory_mb": self.memory_mb, "timeout_s": self.timeout_s}
         with self._lock:
-            status, answer = self._ask(options, data)
+            status, answer = self._ask({"task": task, **options, **limits}, data)
         if status == "ok":
-            return _unpacked(answer)
-        sentence = answer.decode(errors="replace")
+            return answer
         if status == "error":
-            raise AssetError(sentence)
-        raise AssetError(f"{name}: {sentence}; give a smaller or a sound file.")
+            told = json.loads(answer)
+            if told["limit"] is not None:
+                raise TooLarge(told["sentence"], told["limit"], told["actual"])
+            raise AssetError(told["sentence"])
+        sentence = answer.decode(errors="replace")
+        raise LimitError(f"{options['name']}: {sentence}; give a smaller or a sound file.")
 
     def _ask(self, options: dict, data: bytes) -> tuple[str, bytes]:
         first = self._link is None

@@ -1,0 +1,70 @@
+"""The scattering profile of a scene's material as numbers to plot and to compare."""
+
+import torch
+
+from texsss import resolve
+from texsss.media.stack import Stack
+from texsss.pipeline import Run
+from texsss.profiles.fit import fit_error, fit_gaussians
+from texsss.types import Float, Tensor
+
+RADII = 96
+SHARES = (0.5, 0.9, 0.99)
+
+
+def curve(run: Run) -> dict:
+    """R(r) of the material's layers [1/mm²], its Gaussians and its lengths, as plain values per channel.
+
+    Maps count by their mean. `radius_mm`: within which a share of the light comes back; mean free path
+    and diffusion length [mm] of the outermost layer; `fit_error`: of the Gaussians, radially weighted.
+    Raises DomainError: when a medium is unknown.
+    """
+    scene, methods = run.scene, run.scene.methods
+    means = {name: run.image(name).value.mean((0, 1), keepdim=True) for name in resolve.material_maps(scene)}
+    stack = resolve.stack(scene, means)
+    options = {"model": methods.profile, "incidence": methods.incidence}
+    fitted = fit_gaussians(stack, terms=methods.terms, **options)
+    radius = fitted.radius(SHARES[-1]).reshape(-1, fitted.weights.shape[-1])[0]
+    farthest = float(radius.max().clamp_min(1e-3))
+    r = torch.linspace(0, 1, RADII + 1, dtype=torch.float64)[1:] ** 2 * farthest  # dense where it is steep
+    medium = stack.layers[0].medium
+    return {
+        "r_mm": r.tolist(),
+        "reflectance_per_mm2": _rows(fitted.evaluate(r)),
+        "total": _row(fitted.total),
+        "gaussians": {"variances_mm2": fitted.variances.tolist(), "weights": _rows(fitted.weights)},
+        "radius_mm": {f"{share:g}": _row(fitted.radius(share)) for share in SHARES},
+        "mean_free_path_mm": _finite(medium.mean_free_path),
+        "diffusion_length_mm": _finite(medium.diffusion_length),
+        "fit_error": _row(fit_error(fitted, stack, **options)),
+        "layers": _layers(stack),
+        "methods": {"profile": methods.profile, "incidence": methods.incidence, "terms": methods.terms},
+    }
+
+
+def _rows(values: Float[Tensor, "*B N C"]) -> list[list[float]]:
+    """A single table, whatever the batch: everything in it is uniform."""
+    return values.reshape(-1, *values.shape[-2:])[0].tolist()
+
+
+def _row(values: Float[Tensor, "*B C"]) -> list[float]:
+    return values.reshape(-1, values.shape[-1])[0].tolist()
+
+
+def _finite(values: Tensor) -> list[float | None]:
+    """One number per channel; None for lengths without end."""
+    flat = values.reshape(-1, values.shape[-1])[0].tolist()
+    return [value if abs(value) < float("inf") else None for value in flat]
+
+
+def _layers(stack: Stack) -> list[dict]:
+    return [
+        {
+            "sigma_a_per_mm": _finite(layer.medium.sigma_a),
+            "sigma_s_per_mm": _finite(layer.medium.sigma_s),
+            "g": _finite(layer.medium.g),
+            "eta": float(layer.medium.eta),
+            "thickness_mm": None if layer.thickness is None else _finite(layer.thickness)[0],
+        }
+        for layer in stack.layers
+    ]
