@@ -18,7 +18,8 @@ from texsss import placing, resolve
 from texsss.cache import Kept, StageCache, content_key
 from texsss.errors import ShapeError, Unavailable
 from texsss.light.emitters import Light
-from texsss.light.irradiance import irradiance
+from texsss.light.irradiance import irradiance_at
+from texsss.light.sites import sites_at
 from texsss.light.visibility import Occluder
 from texsss.look import bumped, map_names, painted, shader
 from texsss.profiles.project import variance_ladder
@@ -40,6 +41,7 @@ STAGE_VERSIONS = {
     "texels": 1,
     "maps": 1,
     "albedo": 1,
+    "sites": 1,
     "light": 1,
     "bank": 1,
     "weights": 1,
@@ -212,28 +214,30 @@ class Run:
         return self.scene.lights, self.panoramas
 
     @cached_property
-    def irradiance(self) -> Kept:
-        """Entered irradiance at the texels (P, 3) [W/m²]."""
-        (mesh, _), texels, eta = self.mesh.value, self.texels.value, self.stack.value.eta
-        occluder, lights, seed = self.occluder.value, self.lights, self.scene.seed
-        surface = self.scene.material.surface
+    def sites(self) -> Kept:
+        """Where light arrives at the texels."""
+        (mesh, _), texels, surface = self.mesh.value, self.texels.value, self.scene.material.surface
         bump = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal]}
 
         def make():
             images = {name: kept.value for name, kept in bump.items()}
-            return irradiance(
-                texels.points,
-                mesh,
-                lights,
-                eta=eta,
-                occluder=occluder,
-                normals=bumped(surface, images, texels.points, mesh),
-                environment_samples=placing.environment_samples(self.scene),
-                seed=seed,
-                **self.hooks("light"),
-            )
+            return sites_at(texels.points, mesh, bumped(surface, images, texels.points, mesh))
 
-        return self.stage("light", make, self.texels, self.lights_key, eta, seed, bump, surface.normal_y)
+        return self.stage("sites", make, self.texels, bump, surface.normal_y)
+
+    @cached_property
+    def irradiance(self) -> Kept:
+        """Entered irradiance at the texels (P, 3) [W/m²]."""
+        sites, eta, lights, seed = self.sites, self.stack.value.eta, self.lights, self.scene.seed
+        look = {
+            "occluder": self.occluder.value,
+            "environment_samples": placing.environment_samples(self.scene),
+        }
+
+        def make():
+            return irradiance_at(sites.value, lights, eta=eta, seed=seed, **look, **self.hooks("light"))
+
+        return self.stage("light", make, sites, self.lights_key, eta, seed)
 
     @cached_property
     def bank(self) -> Kept:

@@ -8,7 +8,7 @@ from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
-from texsss.light.irradiance import smooth_origin
+from texsss.light.sites import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.numerics.sampling import bilinear

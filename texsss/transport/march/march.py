@@ -7,7 +7,7 @@ from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError, ShapeError
 from texsss.light.emitters import Environment, Light
-from texsss.light.irradiance import smooth_origin
+from texsss.light.sites import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.surface.mesh import Mesh
