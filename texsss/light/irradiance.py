@@ -14,7 +14,7 @@ from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
-from texsss.types import Bool, Cancel, Float, Progress, Tensor, check_cancelled, chunks
+from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 
 def irradiance(
@@ -108,7 +108,10 @@ def _sampled(
     squares: Iterable[Tensor],
     cancel: Cancel | None,
 ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
-    """Entered irradiance of one light with and without shadows, means over `squares` (P, 2) in 0..1²."""
+    """Entered irradiance of one light with and without shadows, means over `squares` (P, 2) in 0..1².
+
+    Only sites that face the light are computed, and traced.
+    """
     count = 0
     total, unshadowed = torch.zeros_like(site.position), torch.zeros_like(site.position)
     for square in squares:
@@ -116,31 +119,33 @@ def _sampled(
         count += 1
         seen = light.sample(site.position, site.normal, square.to(site.position))
         cosine = dot(site.normal, seen.direction)
-        lit = cosine > 0
-        horizon = lit if site.normal is site.smooth else (dot(site.smooth, seen.direction) > 0) & lit
-        cosine = cosine.clamp_min(0)
-        entering = seen.irradiance * (cosine * fresnel.transmittance(cosine, eta))[:, None]
-        unshadowed = unshadowed + entering
-        free = _visible(occluder, site, seen.direction, seen.distance, horizon)
-        total = total + entering * free[:, None]
+        rows = (cosine > 0).nonzero()[:, 0]
+        if not len(rows):
+            continue
+        cosine, direction = cosine[rows], seen.direction[rows]
+        entering = seen.irradiance[rows] * (cosine * fresnel.transmittance(cosine, eta))[:, None]
+        if not light.is_delta:
+            unshadowed = unshadowed.index_add(0, rows, entering)
+        hidden = _hidden(occluder, site, rows, direction, seen.distance[rows])
+        total = total.index_add(0, rows, torch.where(hidden[:, None], 0.0, entering))
     return total / count, unshadowed / count
 
 
-def _visible(
+def _hidden(
     occluder: Occluder | None,
     site: Sites,
-    direction: Float[Tensor, "P 3"],
-    distance: Float[Tensor, " P"],
-    lit: Bool[Tensor, " P"],
-) -> Bool[Tensor, " P"]:
-    """Whether light arrives; rays are traced only for points that are `lit`."""
+    rows: Int[Tensor, " R"],
+    direction: Float[Tensor, "R 3"],
+    distance: Float[Tensor, " R"],
+) -> Bool[Tensor, " R"]:
+    """Whether the light at `direction` [unit] and `distance` [mm] fails to reach these rows of `site`."""
     if occluder is None:
-        return lit
-    rows = lit.nonzero()[:, 0]
-    hidden = occluder.occluded(
-        site.origin[rows], direction[rows], distance[rows], normals=site.face_normal[rows]
-    )
-    return lit.index_put((rows,), ~hidden)
+        hidden = torch.zeros(len(rows), dtype=torch.bool, device=rows.device)
+    else:
+        hidden = occluder.occluded(site.origin[rows], direction, distance, normals=site.face_normal[rows])
+    if site.normal is site.smooth:
+        return hidden
+    return hidden | (dot(site.smooth[rows], direction) <= 0)  # bumps must not lift the horizon
 
 
 def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> Iterator[Tensor]:
