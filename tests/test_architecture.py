@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "curve": ROOMS | {"pipeline", "resolve"},
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {
-        *("types", "scene", "cache", "resolve", "result", "pipeline"),
+        *("types", "scene", "cache", "resolve", "result", "pipeline", "view"),
         *("curve", "inspection", "intermediates"),
     },
     "cli": {"baker", "estimate", "scene", "types", "errors", "cache"},

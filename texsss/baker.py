@@ -9,6 +9,7 @@ from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.types import Cancel, Float, Progress, Tensor
+from texsss.view.tonemap import tonemap
 
 
 class Baker:
@@ -40,6 +41,10 @@ class Baker:
     ) -> Float[Tensor, "H W C"]:
         """What lies between the stages, over the atlas; see `texsss.intermediates`. As `bake` otherwise."""
         return intermediate(self._run(scene, progress, cancel), name)
+
+    def display(self, scene: Scene, image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
+        """Linear light as display values in 0..1, exposed and tone mapped as the scene's output asks."""
+        return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)
 
     def curve(self, scene: Scene, *, cancel: Cancel | None = None) -> dict:
         """The scattering profile of the scene's material as numbers to plot; see `texsss.curve`."""

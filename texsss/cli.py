@@ -1,4 +1,4 @@
-"""The command line: `texsss bake`, `render`, `scene init`, `profile`, `cache`."""
+"""The command line: `texsss bake`, `render`, `serve`, `scene init`, `profile`, `cache`."""
 
 import os
 import sys
@@ -160,6 +160,23 @@ def render(
     with shown_progress() as progress:
         Baker().bake(scene, progress=progress).save_picture(out)
     print(out)
+
+
+@app.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on; 127.0.0.1 if left out.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on; 8000 if left out.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="Threads of a computation; all cores if left out.")
+    ] = None,
+    cache_mb: Annotated[float | None, typer.Option(help="Memory for results of stages [MB].")] = None,
+    log_format: Annotated[str | None, typer.Option(help="json or text.")] = None,
+) -> None:
+    """Serves previews and the page over HTTP; every other setting is a variable TEXSSS_…"""
+    from texsss_server.serve import serve as run
+    from texsss_server.settings import of_options
+
+    run(of_options(host=host, port=port, threads=threads, cache_mb=cache_mb, log_format=log_format))
 
 
 @scene_app.command("init")

@@ -3,6 +3,7 @@
 import torch
 
 from texsss import resolve
+from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Stack
 from texsss.pipeline import Run
 from texsss.profiles.fit import fit_error, fit_gaussians
@@ -40,6 +41,21 @@ def curve(run: Run) -> dict:
         "layers": _layers(stack),
         "methods": {"profile": methods.profile, "incidence": methods.incidence, "terms": methods.terms},
     }
+
+
+def presets() -> list[dict]:
+    """Every medium that a scene may name: its coefficients [1/mm] and mean free path [mm] per channel."""
+    found = []
+    for name in PRESETS:
+        medium = preset(name)
+        entry = {
+            "name": name,
+            "sigma_a_per_mm": _finite(medium.sigma_a),
+            "sigma_s_per_mm": _finite(medium.sigma_s),
+        }
+        entry |= {"g": _finite(medium.g), "eta": float(medium.eta)}
+        found.append(entry | {"mean_free_path_mm": _finite(medium.mean_free_path)})
+    return found
 
 
 def _rows(values: Float[Tensor, "*B N C"]) -> list[list[float]]:

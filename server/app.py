@@ -1,0 +1,116 @@
+"""The application: routes, what surrounds them, and how problems become answers."""
+
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.middleware.cors import CORSMiddleware
+from starlette.responses import Response
+from starlette.routing import Match
+from texsss_server import openapi
+from texsss_server.middleware import Envelope
+from texsss_server.problems import Problem, of_error
+from texsss_server.routes import assets, bake, catalogue, health, jobs, render, study
+from texsss_server.service import Service
+from texsss_server.settings import Settings
+
+from texsss.errors import TexsssError
+
+STATIC = Path(__file__).parent / "static"
+DESCRIPTION = "Layered subsurface scattering in the texture space of a mesh. A scene is the body everywhere."
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """The ASGI application; it opens at once and is ready when the render thread is."""
+    settings = settings or Settings()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI):
+        service.start()
+        yield
+        service.close()
+
+    app = FastAPI(
+        title="texsss",
+        version=version("texsss"),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,  # they load scripts from elsewhere
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    service = app.state.service = Service(settings)
+    app.openapi = lambda: openapi.describe(app)
+    for part in (render, bake, study, catalogue, assets, jobs, health):
+        app.include_router(part.router)
+    if (STATIC / "index.html").is_file():
+        app.frontend("/", directory=STATIC, fallback=None)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(settings.cors_origins),
+            allow_methods=["GET", "POST", "DELETE"],
+            allow_headers=["content-type", "authorization", "if-none-match", "prefer", "x-client-id"],
+            expose_headers=["etag", "location", "retry-after", "server-timing", "x-request-id"],
+        )
+    app.add_middleware(Envelope, service=service)
+    app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(TexsssError, _library)
+    app.add_exception_handler(RequestValidationError, _parameters)
+    app.add_exception_handler(HTTPException, _http)
+    return app
+
+
+async def _problem(request: Request, problem: Exception) -> Response:
+    assert isinstance(problem, Problem)
+    return problem.response(request.state.request_id)
+
+
+async def _library(request: Request, error: Exception) -> Response:
+    assert isinstance(error, TexsssError)
+    return await _problem(request, of_error(error))
+
+
+async def _parameters(request: Request, error: Exception) -> Response:
+    """422 for query, path and header parameters; bodies are checked in `bodies`."""
+    assert isinstance(error, RequestValidationError)
+    errors = [
+        {
+            "pointer": ".".join(str(part) for part in one["loc"][1:]),
+            "in": str(one["loc"][0]),
+            "code": one["type"],
+            "detail": one["msg"],
+        }
+        for one in error.errors()
+    ]
+    return await _problem(
+        request, Problem("invalid-parameters", f"{len(errors)} things are out of range.", errors=errors)
+    )
+
+
+async def _http(request: Request, error: Exception) -> Response:
+    """What the router raises: an unknown path, a wrong method."""
+    assert isinstance(error, HTTPException)
+    if error.status_code == 405:
+        methods = sorted(_methods(request))
+        detail = f"Expected {' or '.join(methods)}."
+        return await _problem(
+            request, Problem("method-not-allowed", detail, headers={"allow": ", ".join(methods)})
+        )
+    if error.status_code == 404:
+        return await _problem(request, Problem("not-found", "Nothing is at this path."))
+    slug = "malformed-body" if error.status_code == 400 else "internal"
+    return await _problem(request, Problem(slug, "The request cannot be read."))
+
+
+def _methods(request: Request) -> set[str]:
+    """All methods of the routes at this path."""
+    found: set[str] = set()
+    for route in request.app.routes:
+        match, _ = route.matches(request.scope | {"method": "?"})
+        if match is not Match.NONE and getattr(route, "methods", None):
+            found |= route.methods
+    return found

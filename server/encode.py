@@ -1,0 +1,90 @@
+"""Images and bakes as bytes of a media type. Equal inputs give equal bytes."""
+
+import io
+import json
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+
+from texsss.io.exr import write_exr
+from texsss.io.gltf import write_glb
+from texsss.io.images import encode_png
+from texsss.result import FILES, Baked
+from texsss.types import Float, Progress, Tensor
+
+PICTURES = {
+    "image/png": "png",
+    "image/jpeg": "jpg",
+    "image/webp": "webp",
+    "image/x-exr": "exr",
+    "application/x-npz": "npz",
+}
+"""Media types of images, best first, and how their files are called."""
+
+LINEAR = ("image/x-exr", "application/x-npz")
+"""Those that carry linear values; the others are encoded for a display."""
+
+BAKES = {"model/gltf-binary": "glb", "application/zip": "zip"}
+"""Media types of bakes, best first."""
+
+JPEG_QUALITY = 90
+
+
+def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
+    """An image in one of `PICTURES`: display values in 0..1, or linear ones for those in `LINEAR`."""
+    image = image.detach()
+    if media_type == "application/x-npz":
+        out = io.BytesIO()
+        np.savez(out, image=image.cpu().numpy())
+        return out.getvalue()
+    if media_type == "image/x-exr":
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "image.exr"
+            write_exr(path, image, half=True)
+            return path.read_bytes()
+    if media_type == "image/png":
+        return encode_png(image)
+    levels = (torch.nan_to_num(image).clamp(0, 1) * 255 + 0.5).to(torch.uint8)
+    levels = levels.expand(-1, -1, 3) if levels.shape[-1] == 1 else levels
+    out = io.BytesIO()
+    options = {"format": "JPEG"} if media_type == "image/jpeg" else {"format": "WEBP", "method": 2}
+    Image.fromarray(levels.cpu().numpy()).save(out, quality=JPEG_QUALITY, **options)
+    return out.getvalue()
+
+
+def ranged(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
+    """Data scaled to 0..1 by its least and greatest value, to be seen."""
+    low, high = image.amin(), image.amax()
+    return (image - low) / (high - low).clamp_min(1e-12)
+
+
+def glb(baked: Baked) -> bytes:
+    """The mesh with its baked texture."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.glb"
+        texels = baked.texels
+        write_glb(path, texels.mesh, texels.atlas_uv, baked.encode(baked.radiance.detach()))
+        return path.read_bytes()
+
+
+def archive(baked: Baked, progress: Progress) -> bytes:
+    """The files of a bake in a ZIP, their dates and timings left out."""
+    out = io.BytesIO()
+    with tempfile.TemporaryDirectory() as folder:
+        written = baked.save(folder, progress=progress)
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as bundle:
+            for name in FILES:
+                data = written[name].read_bytes()
+                if name == "report.json":
+                    data = _timeless(data)
+                bundle.writestr(zipfile.ZipInfo(name), data)
+    return out.getvalue()
+
+
+def _timeless(report: bytes) -> bytes:
+    kept = {k: v for k, v in json.loads(report).items() if k not in ("seconds", "peak_memory_mb")}
+    return json.dumps(kept, indent=2).encode() + b"\n"

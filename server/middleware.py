@@ -1,0 +1,102 @@
+"""Around every request: an id, checks at the door, security headers, a log line, metrics, a last resort."""
+
+import hmac
+import logging
+import secrets
+import time
+from typing import TYPE_CHECKING
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from texsss_server.logs import request_id
+from texsss_server.problems import Problem
+
+if TYPE_CHECKING:
+    from texsss_server.service import Service
+
+log = logging.getLogger("texsss.server")
+
+API = ("/v1/", "/metrics", "/openapi.json", "/healthz", "/readyz")
+LOCKED = ("/v1/", "/metrics")
+SECURITY = {
+    "x-content-type-options": "nosniff",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-frame-options": "DENY",
+}
+API_CSP = "default-src 'none'; frame-ancestors 'none'"
+PAGE_CSP = (
+    "default-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
+    "worker-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class Envelope:
+    """The outermost layer; nothing leaves without passing it."""
+
+    def __init__(self, app: ASGIApp, service: "Service"):
+        self.app, self.service = app, service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        name = secrets.token_hex(8)
+        request_id.set(name)
+        scope.setdefault("state", {})["request_id"] = name
+        start, status = time.perf_counter(), 0
+
+        async def sending(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                self._dress(MutableHeaders(scope=message), scope["path"], name)
+            await send(message)
+
+        try:
+            problem = self._refusal(scope)
+            app = self.app if problem is None else problem.response(name)
+            await app(scope, receive, sending)
+        except Exception:
+            log.exception("unexpected error", extra={"path": scope["path"]})
+            if not status:
+                broken = Problem("internal", "Something broke here; tell us the instance below.")
+                await broken.response(name)(scope, receive, sending)
+        finally:
+            self._note(scope, status, time.perf_counter() - start)
+
+    def _refusal(self, scope: Scope) -> Problem | None:
+        """Why a request is not let in."""
+        headers, settings = Headers(scope=scope), self.service.settings
+        if "*" not in settings.allowed_hosts and _host(headers) not in settings.allowed_hosts:
+            return Problem("bad-host", "Expected a Host that is served here; see TEXSSS_ALLOWED_HOSTS.")
+        if settings.api_key and scope["path"].startswith(LOCKED) and scope["method"] != "OPTIONS":
+            scheme, _, key = headers.get("authorization", "").partition(" ")
+            right = hmac.compare_digest(key.strip().encode(), settings.api_key.encode())
+            if scheme.lower() != "bearer" or not right:
+                detail = "Expected the header Authorization: Bearer KEY."
+                return Problem("unauthorized", detail, headers={"www-authenticate": "Bearer"})
+        return None
+
+    def _dress(self, headers: MutableHeaders, path: str, name: str) -> None:
+        headers["x-request-id"] = name
+        for header, value in SECURITY.items():
+            headers.setdefault(header, value)
+        headers["content-security-policy"] = API_CSP if path.startswith(API) else PAGE_CSP
+        if path.startswith("/assets/"):
+            headers["cache-control"] = "public, max-age=31536000, immutable"  # named by their content
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        route = getattr(scope.get("route"), "path", "unmatched")
+        status = status or 499
+        self.service.metrics.request(scope["method"], route, status, seconds)
+        told = {"method": scope["method"], "route": route, "status": status, "ms": round(1000 * seconds, 1)}
+        log.info("request", extra=told)
+
+
+def _host(headers: Headers) -> str:
+    """The name in Host without its port."""
+    host = headers.get("host", "").lower()
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.rpartition(":")[0] if ":" in host else host

@@ -1,0 +1,46 @@
+"""Which of the formats on offer a client wants."""
+
+from collections.abc import Iterable
+
+from starlette.requests import Request
+from texsss_server.problems import Problem
+
+
+def accepted(request: Request, available: Iterable[str]) -> str:
+    """The media type to answer with: the client's favourite, the first on offer among equals.
+
+    Raises Problem: 406 when none is accepted. Source: RFC 9110, section 12.5.1.
+    """
+    offers = list(available)
+    header = ",".join(request.headers.getlist("accept")).strip()
+    if not header:
+        return offers[0]
+    ranges = [_range(part) for part in header.split(",") if part.strip()]
+    best = max(offers, key=lambda offer: _quality(offer, ranges))
+    if _quality(best, ranges) <= 0:
+        raise Problem(
+            "not-acceptable", f"Expected Accept to allow one of {', '.join(offers)}.", available=offers
+        )
+    return best
+
+
+def _range(part: str) -> tuple[str, float]:
+    name, *parameters = (piece.strip().lower() for piece in part.split(";"))
+    quality = 1.0
+    for parameter in parameters:
+        key, _, value = parameter.partition("=")
+        if key.strip() == "q":
+            try:
+                quality = min(max(float(value), 0.0), 1.0)
+            except ValueError:
+                quality = 0.0
+    return name, quality
+
+
+def _quality(offer: str, ranges: list[tuple[str, float]]) -> float:
+    """Of the most specific range that covers the offer; 0 when none does."""
+    for pattern in (offer, f"{offer.partition('/')[0]}/*", "*/*"):
+        found = [quality for name, quality in ranges if name == pattern]
+        if found:
+            return max(found)
+    return 0.0

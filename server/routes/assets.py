@@ -1,0 +1,105 @@
+"""/v1/assets: meshes and maps of one's own."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import FileResponse, JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.responses import Response
+from texsss_server.assets import Asset
+from texsss_server.bodies import chunks, media_type
+from texsss_server.problems import Problem, responses
+from texsss_server.service import Service, TheService
+from texsss_server.settings import MB
+
+TYPES = ("application/octet-stream", "model/", "image/")
+ACCEPT_POST = "application/octet-stream, model/*, image/*"
+UPLOAD = (
+    *("malformed-body", "request-timeout", "asset-too-large", "unsupported-media-type", "unsupported-mesh"),
+    *("unsupported-map", "invalid-parameters", "invalid-mesh", "invalid-map", "parse-limit", "queue-full"),
+    *("stopping", "storage-full"),
+)
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+BODY = {
+    "requestBody": {
+        "required": True,
+        "description": "The file's bytes.",
+        "content": dict.fromkeys(("application/octet-stream", "model/obj", "image/png"), BINARY),
+    }
+}
+
+router = APIRouter()
+
+
+class UploadQuery(BaseModel):
+    """What the file is called; its ending says what it is."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(min_length=3, max_length=255, examples=["head.obj"])]
+
+
+@router.post(
+    "/v1/assets",
+    summary="Upload a mesh or map",
+    status_code=201,
+    response_model=Asset,
+    responses={200: {"description": "It was here already.", "model": Asset}, **responses(*UPLOAD)},
+    openapi_extra=BODY,
+)
+async def upload(request: Request, query: Annotated[UploadQuery, Query()], service: TheService) -> Response:
+    """Reads the file in a limited process and keeps it under its sha256.
+
+    OBJ, PLY, STL, GLB; PNG, JPEG, WebP, EXR, HDR. Name it in a scene: `{"source": {"asset": sha256}}`.
+    """
+    if not media_type(request).startswith(TYPES):
+        detail = f"Expected Content-Type: one of {ACCEPT_POST}."
+        raise Problem("unsupported-media-type", detail, headers={"accept-post": ACCEPT_POST})
+    if service.stopping and service.unready:
+        raise service.unready
+    settings = service.settings
+    limit = int(settings.upload_mb * MB)
+    parts = chunks(request, limit=limit, timeout_s=settings.upload_timeout_s, slug="asset-too-large")
+    asset, new = await service.store.add(query.name, parts)
+    headers = {"location": f"/v1/assets/{asset.asset}", "cache-control": "no-store"}
+    return JSONResponse(asset.model_dump(mode="json"), 201 if new else 200, headers)
+
+
+@router.get("/v1/assets/{asset}", summary="Describe an upload", responses=responses("not-found"))
+async def describe(asset: str, service: TheService) -> Asset:
+    """What an upload is."""
+    return _found(asset, service)
+
+
+@router.get(
+    "/v1/assets/{asset}/content",
+    summary="The bytes of an upload",
+    response_class=FileResponse,
+    responses={
+        200: {"description": "As uploaded.", "content": {"application/octet-stream": BINARY}},
+        **responses("not-found"),
+    },
+)
+async def content(asset: str, service: TheService) -> FileResponse:
+    """The file as it was uploaded."""
+    found = _found(asset, service)
+    return FileResponse(
+        service.store.folder / found.asset, media_type="application/octet-stream", filename=found.name
+    )
+
+
+@router.delete(
+    "/v1/assets/{asset}", summary="Remove an upload", status_code=204, responses=responses("not-found")
+)
+async def remove(asset: str, service: TheService) -> Response:
+    """Forgets an upload."""
+    _found(asset, service)
+    service.store.remove(asset)
+    return Response(status_code=204)
+
+
+def _found(asset: str, service: Service) -> Asset:
+    found = service.store.get(asset)
+    if found is None:
+        raise Problem("not-found", "No such asset is here (any more).")
+    return found

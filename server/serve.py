@@ -1,0 +1,66 @@
+"""The process: uvicorn around the application, with a stop that lets work finish."""
+
+import asyncio
+import logging
+import signal
+import socket
+
+import uvicorn
+from texsss_server.app import create_app
+from texsss_server.logs import configure
+from texsss_server.service import Service
+from texsss_server.settings import Settings
+
+log = logging.getLogger("texsss.server")
+POLL_S = 0.05
+AFTER_CANCEL_S = 10
+
+
+class Server(uvicorn.Server):
+    """On the first signal: not ready any more, what runs is finished or cancelled after the grace period."""
+
+    def __init__(self, config: uvicorn.Config, service: Service):
+        super().__init__(config)
+        self.service = service
+        self._stopping: asyncio.Future | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Opens the socket."""
+        self._loop = asyncio.get_running_loop()
+        await super().startup(sockets)
+
+    def handle_exit(self, sig: int, frame: object) -> None:
+        """The signal handler: a second signal, or an early one, stops at once."""
+        if self.service.stopping or not self.started:
+            self.service.worker.stop_all("stopping")
+            return super().handle_exit(sig, frame)  # pyright: ignore[reportArgumentType]
+        self._loop.call_soon_threadsafe(self._begin, sig, frame)
+
+    def _begin(self, sig: int, frame: object) -> None:
+        self.service.begin_stop()
+        log.info("stopping", extra={"signal": signal.Signals(sig).name, "busy": self.service.worker.busy})
+        self._stopping = asyncio.ensure_future(self._stop(sig, frame))
+
+    async def _stop(self, sig: int, frame: object) -> None:
+        deadline = self._loop.time() + self.service.settings.grace_s
+        while self.service.worker.busy and self._loop.time() < deadline:
+            await asyncio.sleep(POLL_S)
+        self.service.worker.stop_all("stopping")
+        self.service.jobs.stop()
+        super().handle_exit(sig, frame)  # pyright: ignore[reportArgumentType]
+
+
+def serve(settings: Settings) -> None:
+    """Runs until it is told to stop."""
+    configure(settings.log_format)
+    app = create_app(settings)
+    config = uvicorn.Config(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=AFTER_CANCEL_S,
+    )
+    Server(config, app.state.service).run()

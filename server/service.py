@@ -1,0 +1,161 @@
+"""What the routes share: settings, uploads, the render thread, jobs, answers, and how a request is answered."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+from fastapi import Depends, Request
+from fastapi.responses import JSONResponse
+from starlette.responses import Response
+from texsss_server.answers import Answer, Answers, matches
+from texsss_server.assets import Store
+from texsss_server.jobs import Jobs
+from texsss_server.metrics import Metrics
+from texsss_server.problems import Problem, of_error, retry_after
+from texsss_server.settings import MB, Settings
+from texsss_server.worker import Turn, Worker
+
+from texsss.errors import TexsssError
+from texsss.scene import Scene
+
+log = logging.getLogger("texsss.server")
+
+
+class Service:
+    """One service: everything that lives as long as the process. Made on the loop."""
+
+    def __init__(self, settings: Settings):
+        self.settings = settings
+        self.metrics = Metrics(self)
+        self.store = Store(settings)
+        self.worker = Worker(
+            self._engine, places=settings.queue, jobs=settings.jobs, wait_s=settings.queue_wait_s
+        )
+        self.answers = Answers(int(settings.answers_mb * MB))
+        self.jobs = Jobs(settings, self.worker)
+        self.stopping = False
+        self._warming: asyncio.Task | None = None
+
+    def start(self) -> None:
+        """Starts the render thread, and warms the default scene when it is there."""
+        self.worker.start()
+        if self.settings.warm:
+            self._warming = asyncio.create_task(self._warm())
+
+    def begin_stop(self) -> None:
+        """From now on: not ready, no new work, event streams end."""
+        self.stopping = True
+        if self._warming is not None:
+            self._warming.cancel()
+            self._warm_turn.stop("stopping")
+        for job in self.jobs:
+            job.notify()
+
+    def close(self) -> None:
+        """Stops what still runs and gives everything back."""
+        self.stopping = True
+        self.jobs.stop()
+        self.worker.close()
+        self.store.close()
+
+    @property
+    def unready(self) -> Problem | None:
+        """Why no work is taken now, None if it is."""
+        if self.stopping:
+            return retry_after("stopping", "The service is stopping.", 5)
+        if self.worker.broken:
+            return retry_after("starting", "The service could not start; its log says why.", 30)
+        return None if self.worker.ready else retry_after("starting", "The service is starting.", 2)
+
+    def _engine(self):
+        from texsss_server.engine import Engine  # imports for seconds: in the render thread
+
+        return Engine(self.settings, self.store)
+
+    async def _warm(self) -> None:
+        """Fills the cache for the default scene, letting every request go first."""
+        self._warm_turn = Turn(self.settings.job_timeout_s, patient=True)
+        try:
+            await self.worker.run(lambda engine, turn: engine.prepare(Scene(), turn), self._warm_turn)
+        except (Problem, TexsssError) as error:
+            log.info("warming ended early", extra={"reason": str(error)})
+
+    # how requests are answered
+
+    async def run(self, request: Request, call: Callable, *, drafts_of: str | None = None):
+        """What `call` gives, unless the client leaves or time is up. Raises Problem."""
+        if self.unready:
+            raise self.unready
+        turn = Turn(self.settings.render_timeout_s, drafts_of=drafts_of)
+        work = asyncio.ensure_future(self.worker.run(call, turn))
+        gone = asyncio.ensure_future(_gone(request))
+        try:
+            await asyncio.wait({work, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if not work.done():
+                turn.stop("gone")
+            return await work
+        except TexsssError as error:
+            raise of_error(error) from None
+        finally:
+            gone.cancel()
+            turn.stop("gone")
+            self.metrics.stages(turn.seconds)
+
+    async def answer(
+        self,
+        request: Request,
+        kind: Literal["render", "bake"] | None,
+        tag: str,
+        call: Callable[..., Answer],
+        drafts_of: str | None = None,
+    ) -> Response:
+        """The answer of `call` under the ETag `tag`, or the job of a `kind` that makes it if the client prefers."""
+        if matches(request.headers.get("if-none-match"), tag):
+            return Response(status_code=304, headers=_caching(tag))
+        if kind is not None and "respond-async" in request.headers.get("prefer", "").lower():
+            return await self._accepted(kind, call)
+        known = self.answers.get(tag)
+        if known is None:
+            known = await self.run(request, call, drafts_of=drafts_of)
+            self.answers.put(tag, known)
+        else:
+            self.metrics.hits.inc()
+        return success(known, _caching(tag))
+
+    async def _accepted(self, kind: Literal["render", "bake"], call: Callable[..., Answer]) -> Response:
+        if self.unready:
+            raise self.unready
+        job = await self.jobs.start(kind, call)
+        view = job.view()
+        headers = {"location": view.links.self, "preference-applied": "respond-async"}
+        headers["cache-control"] = "no-store"
+        return JSONResponse(view.model_dump(mode="json"), 202, headers)
+
+
+def success(answer: Answer, headers: dict[str, str]) -> Response:
+    """The bytes of an answer, with what its stages took."""
+    timing = ", ".join(f"{stage};dur={1000 * s:.1f}" for stage, s in answer.seconds.items())
+    if timing:
+        headers["server-timing"] = timing
+    if answer.filename:
+        headers["content-disposition"] = f'inline; filename="{answer.filename}"'
+    return Response(answer.body, 200, headers, media_type=answer.media_type)
+
+
+def _caching(tag: str) -> dict[str, str]:
+    return {"etag": tag, "cache-control": "private, max-age=3600", "vary": "Accept"}
+
+
+async def _gone(request: Request) -> None:
+    """Returns when the client has left; the body was read before."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+def the_service(request: Request) -> Service:
+    """The service of an app, for routes."""
+    return request.app.state.service
+
+
+TheService = Annotated[Service, Depends(the_service)]
