@@ -199,7 +199,7 @@ class Store:
             raise Problem(f"invalid-{kind}", f"The {kind} cannot be used.", reason=_plain(error)) from None
 
     def _mesh(self, digest: str, name: str, data: bytes) -> Asset:
-        mesh, notes = self._child().read_mesh(data, name=name)
+        _, notes = self._child().read_mesh(data, name=name)
         if notes.faces > self.settings.max_faces:
             raise TooLarge("too many faces", self.settings.max_faces, notes.faces)
         return Asset(

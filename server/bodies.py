@@ -126,7 +126,7 @@ def of_validation(error: ValidationError, data: Any, where: str = "body") -> Pro
 
 
 def _pointer(loc: tuple, data: Any) -> str:
-    """The JSON pointer to a place of `data`: names of union members, which pydantic mixes in, are left out."""
+    """The JSON pointer to a place of `data`, without the names of union members that pydantic mixes in."""
     parts, node = [], data
     for i, part in enumerate(loc):
         if isinstance(node, dict) and isinstance(part, str):

@@ -37,10 +37,8 @@ class Engine:
         else:
             values = self.baker.intermediate(scene, image, **hooks)
         if media_type not in LINEAR:
-            if image.startswith(DATA):
-                values = ranged(values)
-            else:
-                values = self.baker.display(scene, values)
+            is_data = image.startswith(DATA)
+            values = ranged(values) if is_data else self.baker.display(scene, values)
         body = encoded(values, media_type)
         return Answer(body, media_type, f"{image}.{PICTURES[media_type]}", turn.seconds)
 

@@ -1,4 +1,4 @@
-"""What the routes share: settings, uploads, the render thread, jobs, answers, and how a request is answered."""
+"""What the routes share: uploads, the render thread, jobs, answers; and how a request is answered."""
 
 import asyncio
 import logging
@@ -110,7 +110,7 @@ class Service:
         call: Callable[..., Answer],
         drafts_of: str | None = None,
     ) -> Response:
-        """The answer of `call` under the ETag `tag`, or the job of a `kind` that makes it if the client prefers."""
+        """The answer of `call` under the ETag `tag`; a job of a `kind` if the client prefers that."""
         if matches(request.headers.get("if-none-match"), tag):
             return Response(status_code=304, headers=_caching(tag))
         if kind is not None and "respond-async" in request.headers.get("prefer", "").lower():
@@ -119,8 +119,8 @@ class Service:
         if known is None:
             known = await self.run(request, call, drafts_of=drafts_of)
             self.answers.put(tag, known)
-        else:
-            self.metrics.hits.inc()
+            return success(known, _caching(tag) | _timing(known))
+        self.metrics.hits.inc()
         return success(known, _caching(tag))
 
     async def _accepted(self, kind: Literal["render", "bake"], call: Callable[..., Answer]) -> Response:
@@ -134,13 +134,16 @@ class Service:
 
 
 def success(answer: Answer, headers: dict[str, str]) -> Response:
-    """The bytes of an answer, with what its stages took."""
-    timing = ", ".join(f"{stage};dur={1000 * s:.1f}" for stage, s in answer.seconds.items())
-    if timing:
-        headers["server-timing"] = timing
+    """The bytes of an answer."""
     if answer.filename:
         headers["content-disposition"] = f'inline; filename="{answer.filename}"'
     return Response(answer.body, 200, headers, media_type=answer.media_type)
+
+
+def _timing(answer: Answer) -> dict[str, str]:
+    """What the stages that ran took."""
+    ran = ", ".join(f"{stage};dur={1000 * s:.1f}" for stage, s in answer.seconds.items() if s > 1e-4)
+    return {"server-timing": ran} if ran else {}
 
 
 def _caching(tag: str) -> dict[str, str]:

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 from texsss_server.answers import etag
 from texsss_server.bodies import SceneBody
+from texsss_server.jobs import JobView
 from texsss_server.negotiate import accepted
 from texsss_server.openapi import SCENE_BODY
 from texsss_server.problems import responses
@@ -29,6 +30,7 @@ WORK = (
 
 JOB = {
     "description": "A job was made; follow Location.",
+    "model": JobView,
     "headers": {"Location": {"schema": {"type": "string"}}},
 }
 ClientId = Annotated[str | None, Header(alias="x-client-id", pattern=r"^[\w.-]{1,64}$")]
