@@ -133,6 +133,40 @@ def test_bad_input_is_one_sentence(texsss, name, tmp_path):
     assert set(tmp_path.iterdir()) == before, "partial files were left"
 
 
+def test_lights_and_maps_in_short(texsss, cube, tmp_path):
+    lights = ["--light", "sun:0,1,1:2", "--light", "ball:0,40,40:5:1,2,3", "--light", "sky:0.1"]
+    done = texsss(
+        "bake", cube, "--unit-mm", 10, "--size", 32, "--roughness", 0.2, *lights, "--out", tmp_path / "out"
+    )
+    assert done.returncode == 0, done.stderr
+    scene = json.loads((tmp_path / "out/report.json").read_text())["scene"]
+    assert [light["type"] for light in scene["lights"]] == ["directional", "sphere", "environment"]
+    assert scene["lights"][1]["radiance"] == [1, 2, 3]
+    assert scene["material"]["surface"]["roughness"] == 0.2
+
+
+@pytest.mark.parametrize("light", ["", "foo", "point", "point:1,2", "point:1,2,x", "ball:1,2,3", "sky:1:2"])
+def test_bad_light_is_told_its_form(texsss, cube, light):
+    done = texsss("bake", cube, "--light", light)
+    assert done.returncode == 2
+    assert "--light" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_profile_draws_and_lists(texsss, tmp_path):
+    done = texsss("profile", "marble", "--plot", "curve.png", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert all(0 < total < 1 for total in found["total"])
+    with Image.open(tmp_path / "curve.png") as plot:
+        assert np.asarray(plot).std() > 10
+
+
+def test_inspect_tells_what_to_do(texsss, cube):
+    done = texsss("inspect", cube, "--unit-mm", 1000, "--size", 64)
+    assert done.returncode == 0, done.stderr
+    assert "radius_texels" in done.stdout and "raise atlas.size" in done.stdout
+
+
 def test_malformed_scene_names_the_field(texsss, tmp_path):
     (tmp_path / "scene.json").write_text(
         '{"material": {"layers": [{"medium": "skin1", "thickness_mm": -1}]}}'

@@ -1,5 +1,7 @@
 """Scenes baked one after the other, with the results of their stages kept in between."""
 
+from pathlib import Path
+
 from texsss.cache import StageCache
 from texsss.curve import curve
 from texsss.inspection import inspect
@@ -51,10 +53,15 @@ class Baker:
         return curve(self._run(scene, None, cancel))
 
     def inspect(
-        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+        self,
+        scene: Scene,
+        *,
+        picture: Path | None = None,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
     ) -> dict:
         """Mesh, texture coordinates and scale of a scene, examined; see `texsss.inspection`."""
-        return inspect(self._run(scene, progress, cancel))
+        return inspect(self._run(scene, progress, cancel), picture)
 
     def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
         return Run(self.cache, scene, progress, cancel, self.assets)

@@ -1,10 +1,11 @@
-"""The command line: `texsss bake`, `render`, `serve`, `scene init`, `profile`, `cache`."""
+"""The command line: `texsss bake`, `render`, `inspect`, `profile`, `serve`, `scene init`."""
 
+import json
 import os
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -12,12 +13,14 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from texsss.errors import AssetError, TexsssError
+from texsss.options import takes_scene
 from texsss.scene import Scene
 
 app = typer.Typer(
     help="Layered subsurface scattering in the texture space of a mesh.",
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 scene_app = typer.Typer(help="Scene files.", no_args_is_help=True)
@@ -27,93 +30,19 @@ console = Console(stderr=True)
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
-MeshOrScene = Annotated[
-    Path | None,
-    typer.Argument(help="A mesh (OBJ, PLY, STL, GLB) or scene.json; our own asset if left out."),
-]
-Material = Annotated[str | None, typer.Option(help="A preset: skin1, marble, wax, …")]
-UnitMm = Annotated[float | None, typer.Option(help="How long one unit of the mesh is [mm].")]
-Up = Annotated[str | None, typer.Option(help="The axis that points up in the file: y or z.")]
-Size = Annotated[int | None, typer.Option(help="Edge of the lightmap [texels].")]
-Albedo = Annotated[Path | None, typer.Option(help="Colour map (sRGB) in the mesh's own texture coordinates.")]
-Diffusion = Annotated[str | None, typer.Option(help="none, uv, …: how light spreads over the texture.")]
-Exposure = Annotated[float | None, typer.Option(help="Exposure of the picture [EV].")]
-Tonemap = Annotated[str | None, typer.Option(help="linear, agx or aces.")]
-
-
-def build_scene(
-    source: Path | None,
-    *,
-    material: str | None = None,
-    unit_mm: float | None = None,
-    up: str | None = None,
-    size: int | None = None,
-    albedo: Path | None = None,
-    diffusion: str | None = None,
-    exposure: float | None = None,
-    tonemap: str | None = None,
-) -> Scene:
-    """The scene that a mesh or scene file and options describe; options override the file."""
-    if source is not None and source.suffix.lower() == ".json":
-        data: dict[str, Any] = Scene.load(source).model_dump(mode="json")
-    else:
-        data = Scene().model_dump(mode="json") if source is None else {"mesh": {"source": str(source)}}
-
-    def put(value: object, *path: str) -> None:
-        if value is None:
-            return
-        place = data
-        for name in path[:-1]:
-            place = place.setdefault(name, {})
-        place[path[-1]] = value
-
-    put(None if material is None else [{"medium": material}], "material", "layers")
-    put(unit_mm, "mesh", "unit_mm")
-    put(up, "mesh", "up")
-    put(size, "atlas", "size")
-    put(diffusion, "methods", "diffusion")
-    put(exposure, "output", "exposure_ev")
-    put(tonemap, "output", "tonemap")
-    if albedo is not None:
-        put({"source": {"path": str(albedo)}, "space": "srgb"}, "maps", "albedo")
-        put("albedo", "material", "surface", "albedo")
-    return Scene.parse(data)
-
 
 @app.command()
+@takes_scene
 def bake(
-    source: MeshOrScene = None,
-    material: Material = None,
-    unit_mm: UnitMm = None,
-    up: Up = None,
-    size: Size = None,
-    albedo: Albedo = None,
-    diffusion: Diffusion = None,
-    exposure: Exposure = None,
-    tonemap: Tonemap = None,
+    scene: Scene,
     out: Annotated[Path, typer.Option(help="Folder for the six files.")] = Path("out"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would cost.")] = False,
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
-    scene = build_scene(
-        source,
-        material=material,
-        unit_mm=unit_mm,
-        up=up,
-        size=size,
-        albedo=albedo,
-        diffusion=diffusion,
-        exposure=exposure,
-        tonemap=tonemap,
-    )
     if dry_run:
         from texsss.estimate import estimate
 
-        expected = estimate(scene)
-        table = Table(title="Expected", show_header=False)
-        for name, value in expected.items():
-            table.add_row(name, str(value))
-        Console().print(table)
+        show_table("Expected", estimate(scene))
         return
     writable(out)
     from texsss.baker import Baker  # torch takes its time: not for --help
@@ -121,45 +50,74 @@ def bake(
     with shown_progress() as progress:
         baked = Baker().bake(scene, progress=progress)
         for note in baked.report["notes"]:
-            console.print(f"[yellow]note[/] {note}", highlight=False)
+            console.print(f"[yellow]note[/] {note}", highlight=False, soft_wrap=True)
         written = baked.save(out, progress=progress)
     for path in written.values():
         print(path)
 
 
 @app.command()
+@takes_scene
 def render(
-    source: MeshOrScene = None,
+    scene: Scene,
     out: Annotated[Path, typer.Option(help="The picture, .png or .exr.")] = Path("image.png"),
-    material: Material = None,
-    unit_mm: UnitMm = None,
-    up: Up = None,
-    size: Size = None,
-    albedo: Albedo = None,
-    diffusion: Diffusion = None,
-    exposure: Exposure = None,
-    tonemap: Tonemap = None,
 ) -> None:
     """Renders the picture of a scene alone."""
     if out.suffix.lower() not in {".png", ".exr"}:
         raise AssetError(f"Output: expected a name that ends in .png or .exr, got {out}; change --out.")
-    scene = build_scene(
-        source,
-        material=material,
-        unit_mm=unit_mm,
-        up=up,
-        size=size,
-        albedo=albedo,
-        diffusion=diffusion,
-        exposure=exposure,
-        tonemap=tonemap,
-    )
+    writable(out.parent)
     from texsss.baker import Baker
 
-    writable(out.parent)
     with shown_progress() as progress:
         Baker().bake(scene, progress=progress).save_picture(out)
     print(out)
+
+
+@app.command()
+@takes_scene
+def inspect(
+    scene: Scene,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a PNG of the texture coordinates that shows where.")
+    ] = None,
+) -> None:
+    """Examines a mesh before baking: texture coordinates, topology, scale; says what to do."""
+    from texsss.baker import Baker
+
+    with shown_progress() as progress:
+        found = Baker().inspect(scene, progress=progress, picture=picture)
+    if as_json:
+        print(json.dumps(found, indent=2))
+        return
+    for part in ("mesh", "uv", "atlas", "scale"):
+        if found[part] is not None:
+            show_table(part, found[part])
+    for sentence in found["advice"]:
+        print(f"- {sentence}")
+
+
+@app.command()
+def profile(
+    material: Annotated[str, typer.Argument(help="A preset, or a scene.json whose material is meant.")],
+    plot: Annotated[Path | None, typer.Option(help="Write a plot of R(r), .png or .svg.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
+) -> None:
+    """Shows how a material scatters: R(r), total, lengths in mm, Gaussians."""
+    scene = Scene.load(material) if material.endswith(".json") else Scene.parse({"material": material})
+    from texsss.baker import Baker
+
+    found = Baker().curve(scene)
+    if plot is not None:
+        from texsss.plot import plot_curve
+
+        writable(plot.parent)
+        plot_curve(found, plot, title=material)
+    if as_json:
+        print(json.dumps(found, indent=2))
+        return
+    lengths = ("mean_free_path_mm", "diffusion_length_mm", "total", "fit_error")
+    show_table(material, {name: found[name] for name in lengths} | {"radius_mm": found["radius_mm"]})
 
 
 @app.command()
@@ -173,8 +131,9 @@ def serve(
     log_format: Annotated[str | None, typer.Option(help="json or text.")] = None,
 ) -> None:
     """Serves previews and the page over HTTP; every other setting is a variable TEXSSS_…"""
-    from texsss_server.serve import serve as run
-    from texsss_server.settings import of_options
+    # the folder server/ under its installed name, which a type checker cannot follow
+    from texsss_server.serve import serve as run  # pyright: ignore[reportMissingImports]
+    from texsss_server.settings import of_options  # pyright: ignore[reportMissingImports]
 
     run(of_options(host=host, port=port, threads=threads, cache_mb=cache_mb, log_format=log_format))
 
@@ -183,6 +142,25 @@ def serve(
 def scene_init() -> None:
     """Prints the default scene, every field stated: texsss scene init > scene.json"""
     print(Scene().to_json(), end="")
+
+
+def show_table(title: str, rows: dict) -> None:
+    """Names and values on standard output."""
+    table = Table(title=title, show_header=False, title_justify="left")
+    for name, value in rows.items():
+        table.add_row(name, shown(value))
+    Console().print(table)
+
+
+def shown(value: object) -> str:
+    """A value in few digits."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return "  ".join(f"{name} {shown(item)}" for name, item in value.items())
+    if isinstance(value, list | tuple):
+        return "  ".join(shown(item) for item in value)
+    return str(value)
 
 
 def writable(folder: Path) -> None:

@@ -1,5 +1,7 @@
 """The scattering profile of a scene's material as numbers to plot and to compare."""
 
+from typing import Any
+
 import torch
 
 from texsss import resolve
@@ -23,7 +25,7 @@ def curve(run: Run) -> dict:
     scene, methods = run.scene, run.scene.methods
     means = {name: run.image(name).value.mean((0, 1), keepdim=True) for name in resolve.material_maps(scene)}
     stack = resolve.stack(scene, means)
-    options = {"model": methods.profile, "incidence": methods.incidence}
+    options: dict[str, Any] = {"model": methods.profile, "incidence": methods.incidence}
     fitted = fit_gaussians(stack, terms=methods.terms, **options)
     radius = fitted.radius(SHARES[-1]).reshape(-1, fitted.weights.shape[-1])[0]
     farthest = float(radius.max().clamp_min(1e-3))

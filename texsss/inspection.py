@@ -1,8 +1,11 @@
 """A scene examined before it is baked: mesh, texture coordinates, scale of the scattering."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 from texsss.curve import curve
+from texsss.errors import ShapeError
+from texsss.io.images import write_png
 from texsss.pipeline import Run
 from texsss.surface.doctor import examine
 
@@ -10,8 +13,10 @@ FINE_TEXELS = 0.7  # a scattering radius below so many texels is not resolved
 WIDE_SHARE = 0.5  # of the object: light that spreads farther sees a blob, not a surface
 
 
-def inspect(run: Run) -> dict:
+def inspect(run: Run, picture: Path | None = None) -> dict:
     """What was found and what to do about it, as plain values.
+
+    `picture`: a PNG to write that shows where in the author's texture coordinates.
 
     `mesh`: counts, size [mm], unit. `uv`: the doctor's report on the author's texture coordinates, or
     None without. `atlas`: what the light would be stored in. `scale`: scattering lengths in mm and texels.
@@ -21,7 +26,11 @@ def inspect(run: Run) -> dict:
     size = run.scene.atlas.size
     report = None
     if mesh.source_uv is not None:
-        report, _ = examine(mesh, mesh.source_uv, (size, size))
+        report, image = examine(mesh, mesh.source_uv, (size, size))
+        if picture is not None:
+            write_png(picture, image)
+    elif picture is not None:
+        raise ShapeError(f"inspect: {mesh.name} has no texture coordinates to show; leave --picture out.")
     atlas, texels, spread = run.atlas.value, run.texels.value, curve(run)
     texel = texels.texel_mm
     radius = spread["radius_mm"]["0.9"]

@@ -1,0 +1,84 @@
+"""Lights in short, as the command line takes them: `point:300,400,700:3`."""
+
+from texsss.errors import DomainError
+
+FORMS = {
+    "studio": "studio[:INTENSITY]",
+    "point": "point:X,Y,Z[:W_PER_SR]",
+    "sun": "sun:X,Y,Z[:W_PER_M2]",
+    "sky": "sky[:RADIANCE]",
+    "spot": "spot:X,Y,Z:DX,DY,DZ[:W_PER_SR]",
+    "ball": "ball:X,Y,Z:RADIUS_MM[:RADIANCE]",
+}
+"""Name → form. X,Y,Z are mm, but towards the sun; the last part is one number, or R,G,B."""
+
+
+ONE, DAYLIGHT = [1.0], [3.0]
+
+
+def light(text: str) -> dict:
+    """The scene's field for a light in short.
+
+    Raises DomainError: when the name or its parts are not of a known form.
+    """
+    name, *parts = text.split(":")
+    if name not in FORMS:
+        raise DomainError(f"--light: expected one of {', '.join(FORMS.values())}, got {text!r}.")
+    try:
+        return _READERS[name](*[_numbers(part) for part in parts])
+    except (TypeError, ValueError):
+        raise DomainError(f"--light: expected {FORMS[name]}, got {text!r}.") from None
+
+
+def _numbers(part: str) -> list[float]:
+    return [float(number) for number in part.split(",")]
+
+
+def _vector(numbers: list[float]) -> list[float]:
+    x, y, z = numbers
+    return [x, y, z]
+
+
+def _colour(numbers: list[float]) -> list[float]:
+    return numbers * 3 if len(numbers) == 1 else _vector(numbers)
+
+
+def _single(numbers: list[float]) -> float:
+    (number,) = numbers
+    return number
+
+
+def _studio(intensity: list[float] = ONE) -> dict:
+    return {"type": "studio", "intensity": _single(intensity)}
+
+
+def _point(position: list[float], intensity: list[float] = ONE) -> dict:
+    return {"type": "point", "position_mm": _vector(position), "intensity_w_per_sr": _colour(intensity)}
+
+
+def _sun(direction: list[float], irradiance: list[float] = DAYLIGHT) -> dict:
+    return {
+        "type": "directional",
+        "direction": _vector(direction),
+        "irradiance_w_per_m2": _colour(irradiance),
+    }
+
+
+def _sky(radiance: list[float] = ONE) -> dict:
+    return {"type": "environment", "radiance": _colour(radiance)}
+
+
+def _spot(position: list[float], direction: list[float], intensity: list[float] = ONE) -> dict:
+    return {**_point(position, intensity), "type": "spot", "direction": _vector(direction)}
+
+
+def _ball(position: list[float], radius: list[float], radiance: list[float] = ONE) -> dict:
+    return {
+        "type": "sphere",
+        "position_mm": _vector(position),
+        "radius_mm": _single(radius),
+        "radiance": _colour(radiance),
+    }
+
+
+_READERS = {"studio": _studio, "point": _point, "sun": _sun, "sky": _sky, "spot": _spot, "ball": _ball}
