@@ -28,6 +28,7 @@ Profile = Callable[[Array, str, str], tuple[Array, Array]]
 """R̂, T̂ at s, by scattering and incidence."""
 
 RADIUS = 10.0  # [mm] rings beyond are noise
+BEAMLESS = ("multipole", "grid")  # they hand all light to the source, and leave none to the beam
 
 
 @dataclass(frozen=True)
@@ -87,12 +88,11 @@ def stack_of(layers: list[plain.Layer]) -> Stack:
 def profiles_of(layers: list[plain.Layer]) -> dict[str, Profile]:
     """Everything that can be asked about this stack, by name."""
     stack = stack_of(layers)
-    phase = "henyey-greenstein" if any(layer.g for layer in layers) else None
 
     def model(name: str) -> Profile:
         def evaluate(s: Array, scattering: str, incidence: str) -> tuple[Array, Array]:
-            options = {"model": name, "scattering": scattering, "incidence": incidence, "phase": phase}
-            R, T = hankel_profiles(stack, torch.as_tensor(s), **options)
+            s = torch.as_tensor(s)
+            R, T = hankel_profiles(stack, s, model=name, scattering=scattering, incidence=incidence)
             return R[..., 0].numpy(), T[..., 0].numpy()
 
         return evaluate
@@ -126,7 +126,7 @@ def _only_total(scattering: str) -> None:
 
 
 def errors(
-    profile: Profile, layers: list[plain.Layer], normal: Tabulated, diffuse: Tabulated
+    model: str, profile: Profile, layers: list[plain.Layer], normal: Tabulated, diffuse: Tabulated
 ) -> dict[str, float]:
     """Every metric of one model on one stack; nan where there is no answer, or nothing to meet."""
     out = dict(NO_ANSWER)
@@ -138,8 +138,9 @@ def errors(
             continue
         out["R" + suffix] = R / float(truth.totals["R"].mean) - 1
         if layers[-1].thickness < inf:
+            beam = 0.0 if model in BEAMLESS else ballistic(layers, incidence)[1]
             whole = float(truth.totals["T"].mean + truth.totals["T_ballistic"].mean)
-            out["T" + suffix] = (T + ballistic(layers, incidence)[1]) / whole - 1
+            out["T" + suffix] = (T + beam) / whole - 1
     try:
         truth = normal.hankel["R"].mean - normal.hankel["R1"].mean
         wrong = (profile(S, "multiple", "normal")[0] - truth) / normal.totals["R"].mean
@@ -188,7 +189,8 @@ def ring_means(profile: Profile) -> Array:
 def furnace_error(model: str, layers: list[plain.Layer], incidence: str) -> float:
     """R̂(0) + T̂(0) + ballistic light - 1 of a stack that absorbs nothing."""
     R, T = profiles_of(layers)[model](np.zeros(1), "total", incidence)
-    return float(R[0] + T[0]) + sum(ballistic(layers, incidence)) - 1
+    beam = 0.0 if model in BEAMLESS else sum(ballistic(layers, incidence))
+    return float(R[0] + T[0]) + beam - 1
 
 
 def white_slabs(g: float) -> list[list[plain.Layer]]:

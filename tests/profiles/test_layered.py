@@ -15,8 +15,8 @@ from texsss.media.medium import Medium
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles import layered_diffusion, layered_sp3
-from texsss.profiles.hankel import hankel_profiles
-from texsss.profiles.incidence import incidence_cosine
+from texsss.profiles.hankel import SIDES, hankel_profiles
+from texsss.profiles.incidence import incidence_directions, mean_direction
 
 S = torch.tensor([0.0, 0.05, 0.3, 1.0, 4.0, 20.0], dtype=torch.float64)
 
@@ -35,9 +35,10 @@ def test_layered_diffusion_solves_its_equation(layers, cosine):
     table = stack_of(layers).table()
     cosine = max(cosine, math.sqrt(1 - 1 / layers[0].eta ** 2) + 0.05)  # what refraction leaves possible
     R, T = diffusion.hankel(layers, S.numpy(), cosine=cosine)
-    np.testing.assert_allclose(layered_diffusion.reflectance(table, S, cosine)[:, 0], R, rtol=1e-6, atol=1e-9)
+    light = [(cosine, 1.0)]
+    np.testing.assert_allclose(layered_diffusion.reflectance(table, S, light)[:, 0], R, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(
-        layered_diffusion.transmittance(table, S, cosine)[:, 0], T, rtol=1e-6, atol=1e-9
+        layered_diffusion.transmittance(table, S, light)[:, 0], T, rtol=1e-6, atol=1e-9
     )
 
 
@@ -45,16 +46,21 @@ def test_layered_diffusion_solves_its_equation(layers, cosine):
     "layers", [MATCHED, ALIKE, ALIKE[:1], [*ALIKE, Row(0.5, 0.6, eta=1.5)], [Row(0.1, 0.9)]]
 )
 def test_layered_sp3_solves_its_equations(layers):
-    """R_c - R_u of the closed form against the same two modes by collocation; measured 1e-8."""
+    """R_c - R_u of the closed form against the same two modes by collocation; measured 1e-8.
+
+    Up to one factor for both sides, which keeps the energy of the stack without absorption.
+    """
     table, s = stack_of(layers).table(), S.numpy()
     coupled, alone = sp3.collided(layers, s), sp3.collided(layers, s, scattering=False)
-    for side, with_, without in zip(("reflectance", "transmittance"), coupled, alone, strict=True):
-        ours = layered_sp3.multiple(table, S, 1.0, side)[:, 0]
-        np.testing.assert_allclose(ours, with_ - without, rtol=1e-6, atol=1e-9)
+    ours = [layered_sp3.multiple(table, S, ((1.0, 1.0),), side)[:, 0] for side in SIDES]
+    factor = float(ours[0][0] / (coupled[0] - alone[0])[0])
+    assert 0.95 < factor < 1.2
+    for mine, with_, without in zip(ours, coupled, alone, strict=True):
+        np.testing.assert_allclose(mine, factor * (with_ - without), rtol=1e-6, atol=1e-9)
 
 
 def test_layered_sp3_meets_integral_transport(shared_data):
-    """Totals of 19 stacks: mean error 1.3 %, worst 9.3 % (slab of .1 mm at eta 1.5, whose bounces differ)."""
+    """Totals of 19 stacks: mean error .9 %, worst 3.9 % (three layers at eta 1.5)."""
     errors = {}
     for known in read_transport(shared_data):
         R, T = hankel_profiles(
@@ -63,18 +69,17 @@ def test_layered_sp3_meets_integral_transport(shared_data):
         errors[known.name] = abs(float(R) / known.R[0] - 1)
         if known.T[0] > 0:
             errors[known.name + " T"] = abs(float(T) / known.T[0] - 1)
-    assert sum(errors.values()) / len(errors) < 0.017, errors
-    assert max(errors.values()) < 0.1, errors
+    assert sum(errors.values()) / len(errors) < 0.0115, errors
+    assert max(errors.values()) < 0.045, errors
 
 
 def test_single_scattering_meets_integral_transport(shared_data):
-    """R1 against the tabulated one: .1 % but for slabs, where the light's bounces differ by .6 %."""
+    """R1 against the tabulated one: .1 % but for slabs, .6 % by the light's bounces, .75 % at s > 0."""
     s = torch.tensor([0.0, 0.497631, 1.414214], dtype=torch.float64)
     for known in read_transport(shared_data):
         R1, _ = hankel_profiles(stack_of(known.layers), s, incidence="normal", scattering="single")
         index = [int(np.argmin(abs(known.s - float(x)))) for x in s]
-        # layers attenuate at their own rates, which is not exact at s > 0
-        np.testing.assert_allclose(R1[:, 0], known.R1[index], rtol=0.06, err_msg=known.name)
+        np.testing.assert_allclose(R1[:, 0], known.R1[index], rtol=0.01, err_msg=known.name)
         assert abs(float(R1[0, 0]) / known.R1[0] - 1) < 0.007, known.name
 
 
@@ -110,21 +115,21 @@ def test_limits_of_thickness(model):
 @pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])
 @pytest.mark.parametrize("incidence", ["normal", "diffuse", 1.0])
 def test_spectralon_returns_everything(model, incidence):
-    """White furnace: a half-space that absorbs nothing; .5 % for the fitted model, exact for diffusion."""
+    """White furnace: a half-space that absorbs nothing; both exact by construction."""
     R, _ = hankel_profiles(preset("spectralon"), S, model=model, incidence=incidence)
     assert bool(torch.isfinite(R).all())
-    torch.testing.assert_close(R[0], torch.ones(3).double(), rtol=0.005, atol=0)
+    torch.testing.assert_close(R[0], torch.ones(3).double(), rtol=1e-5, atol=0)
 
 
 @pytest.mark.parametrize("eta", [1.0, 1.33, 1.5])
 @pytest.mark.parametrize("thickness", [0.05, 0.5, 3.0])
 def test_slabs_that_absorb_nothing_lose_nothing(eta, thickness):
-    """R + T + what passes unscattered is 1: exactly in diffusion, to 2 % in the fitted model."""
+    """R + T + what passes unscattered is 1, exactly."""
     stack = Stack([Layer(Medium(0.0, 1.0, 0.0, eta), thickness)])
     mirror, through = ((eta - 1) / (eta + 1)) ** 2, math.exp(-thickness)
     ballistic = (1 - mirror) * through * (1 + mirror * through) / (1 - (mirror * through) ** 2)
     zero = torch.zeros(1, dtype=torch.float64)
-    for model, slack in (("layered-diffusion", 1e-9), ("layered-sp3", 0.02)):
+    for model, slack in (("layered-diffusion", 1e-9), ("layered-sp3", 1e-6)):
         R, T = hankel_profiles(stack, zero, model=model, incidence="normal")
         assert abs(float(R + T) + ballistic - 1) < slack
 
@@ -172,11 +177,14 @@ def test_gradients_stay_finite_where_nothing_is_absorbed():
 @pytest.mark.parametrize("scattering", ["single", "multiple"])
 @pytest.mark.parametrize("phase", ["henyey-greenstein", "schlick"])
 def test_phase_functions_shift_light_between_orders(scattering, phase):
-    """Single and multiple add up to the same total under any phase function; g = 0 is isotropic."""
+    """R1 and the rest add up to R, whose energy no phase function changes; g = 0 is isotropic."""
     medium = Medium(0.05, 4.0, 0.8, 1.4)
-    total, _ = hankel_profiles(medium, S)
+    total, _ = hankel_profiles(medium, S, phase=phase)
     parts = [hankel_profiles(medium, S, scattering=x, phase=phase)[0] for x in ("single", "multiple")]
     torch.testing.assert_close(sum(parts), total)
+    reduced, _ = hankel_profiles(Medium(0.05, 0.8, 0.0, 1.4), S)
+    torch.testing.assert_close(total[0], reduced[0])
+    assert float(parts[0][0]) < 0.3 * float(total[0])
     round_ = Medium(0.05, 4.0, 0.0, 1.4)
     for side in zip(
         hankel_profiles(round_, S, scattering=scattering, phase=phase),
@@ -186,11 +194,15 @@ def test_phase_functions_shift_light_between_orders(scattering, phase):
         torch.testing.assert_close(*side)
 
 
-def test_diffuse_light_is_normal_light_at_its_mean_cosine():
-    """Cosines of diffuse light inside: 2/3 without refraction, .865 at eta 1.4."""
-    assert abs(incidence_cosine("diffuse", 1.0) - 2 / 3) < 1e-9
-    assert abs(incidence_cosine("diffuse", 1.4) - 0.865) < 1e-3
-    assert abs(incidence_cosine(math.pi / 4, 1.5) - math.sqrt(1 - 0.5 / 2.25)) < 1e-12
+def test_directions_of_diffuse_light():
+    """Means of the cosine inside: 2/3 without refraction, .865 at eta 1.4; shares sum to 1."""
+    assert abs(mean_direction("diffuse", 1.0)[0][0] - 2 / 3) < 1e-6
+    assert abs(mean_direction("diffuse", 1.4)[0][0] - 0.865) < 1e-3
+    for eta in (1.0, 1.1, 1.5):
+        shares = [share for _, share in incidence_directions("diffuse", eta)]
+        assert len(shares) > 1 and abs(sum(shares) - 1) < 1e-12
+    ((cosine, _),) = incidence_directions(math.pi / 4, 1.5)
+    assert abs(cosine - math.sqrt(1 - 0.5 / 2.25)) < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -130,3 +130,13 @@ def test_grid_reproduces_the_combination_it_stands_for():
     dropped, _ = grid_gaussians(table, drop_below_mfp=10.0)
     alone, _ = grid_gaussians(Stack(layers[1:]).table())
     torch.testing.assert_close(dropped.weights, alone.weights)
+
+
+def test_thin_slabs_neither_make_light_nor_keep_it():
+    """R + T = 1 without absorption whatever the thickness, and an absent slab lets all light through."""
+    zero = torch.zeros(1, dtype=torch.float64)
+    for eta in (1.0, 1.4):
+        for thickness in (0.0, 0.05, 0.5, 1.0, 4.0):
+            slab = Stack([Layer(Medium(0.0, 1.0, 0.0, eta), thickness)])
+            R, T = hankel_profiles(slab, zero, model="multipole")
+            assert abs(float(R + T) - 1) < 1e-9 and float(R) <= thickness

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -11,7 +12,10 @@ from texsss.types import Float, Int, Tensor
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """A matrix in compressed rows: row i holds `value[start[i]:start[i+1]]` at `column[…]`."""
+    """A matrix in compressed rows: row i holds `value[start[i]:start[i+1]]` at `column[…]`.
+
+    Indices are int32. Products are faster by far with columns of `x` that are few and stored row by row.
+    """
 
     start: Int[Tensor, " starts"]
     column: Int[Tensor, " entries"]
@@ -39,30 +43,38 @@ class Sparse:
                 (self.rows, self.columns),
                 check_invariants=False,
             )
-        return matrix @ x
+        return matrix @ x.contiguous()
 
-    def transposed(self) -> "Sparse":
-        """The transpose, its rows in ascending order."""
+    @cached_property
+    def transpose(self) -> "Sparse":
+        """The transpose, its rows in ascending order. As large as the matrix, made when first asked for."""
         row = torch.repeat_interleave(
             torch.arange(self.rows, dtype=torch.int32, device=self.column.device), self.start.diff().long()
         )
         order = torch.argsort(self.column, stable=True)
         count = torch.bincount(self.column, minlength=self.columns)
-        start = torch.cat([count.new_zeros(1), count.cumsum(0)]).to(self.start.dtype)
-        return Sparse(start, row[order], self.value[order], self.rows)
+        return Sparse(starts(count), row[order], self.value[order], self.rows)
 
 
-def product(matrix: Sparse, transpose: Sparse, x: Float[Tensor, "columns C"]) -> Float[Tensor, "rows C"]:
-    """`matrix` times `x`. Differentiable in `x` by the stored `transpose`; a symmetric matrix is its own."""
-    return _Product.apply(x, matrix, transpose)  # pyright: ignore[reportReturnType]
+def starts(count: Int[Tensor, " rows"]) -> Int[Tensor, " starts"]:
+    """Where each row starts, and the last one ends, of rows with `count` entries."""
+    return torch.cat([count.new_zeros(1), count.cumsum(0)]).to(torch.int32)
+
+
+def product(
+    matrix: Sparse, x: Float[Tensor, "columns C"], symmetric: bool = False
+) -> Float[Tensor, "rows C"]:
+    """`matrix` times `x`. Differentiable in `x`, by a stored transpose unless the matrix is `symmetric`."""
+    return _Product.apply(x, matrix, symmetric)  # pyright: ignore[reportReturnType]
 
 
 class _Product(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, matrix: Sparse, transpose: Sparse) -> Tensor:
-        ctx.matrix, ctx.transpose = matrix, transpose
+    def forward(ctx: Any, x: Tensor, matrix: Sparse, symmetric: bool) -> Tensor:
+        ctx.matrix, ctx.symmetric = matrix, symmetric
         return matrix.times(x)
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None, None]:
-        return product(ctx.transpose, ctx.matrix, grads[0].contiguous()), None, None
+        transpose = ctx.matrix if ctx.symmetric else ctx.matrix.transpose
+        return product(transpose, grads[0], ctx.symmetric), None, None

@@ -6,12 +6,14 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.media.medium import Medium
+from texsss.media.phase import PHASES
 from texsss.media.stack import Layer, LayerTable, Stack
 from texsss.profiles import layered_diffusion, layered_sp3
 from texsss.profiles.dipole import dipole_hankel
-from texsss.profiles.incidence import Incidence, incidence_cosine
+from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.multipole import better_dipole, stacked
 from texsss.profiles.single import single
+from texsss.profiles.slab import Directions
 from texsss.types import Float, Tensor
 
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
@@ -27,16 +29,17 @@ def hankel_profiles(
     model: str = "layered-sp3",
     scattering: str = "total",
     incidence: Incidence = "diffuse",
-    phase: str | None = None,
+    phase: str = "henyey-greenstein",
 ) -> tuple[Float[Tensor, "*B S C"], Float[Tensor, "*B S C"]]:
     """R̂(s) and T̂(s) of scattered light, per unit of light that entered.
 
     `s` [1/mm] decides dtype and device. `material`: a stack, layer, medium, or the rows of a table.
-    `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total, single or multiple;
-    the split depends on `phase`: None takes the reduced coefficients as isotropic, a name the true ones,
-    and the total stays as it is. dipole, better-dipole: the first layer as a half-space; those and
-    multipole put the source at one depth, whatever the incidence. Differentiable in coefficients,
-    thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
+    `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total, single or multiple; the
+    single part of R has the true coefficients and `phase` (isotropic, henyey-greenstein, schlick), all
+    the rest reduced ones, so that T counts light that is hardly deflected as part of the beam. dipole,
+    better-dipole: the first layer as a half-space; those and multipole put the source at one depth,
+    whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine. Differentiable
+    in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
     """
     table = as_table(material).to(s.dtype, s.device)
     options = {"model": model, "scattering": scattering, "incidence": incidence, "phase": phase}
@@ -60,17 +63,18 @@ def flat_profile(
     model: str,
     scattering: str = "total",
     incidence: Incidence = "diffuse",
-    phase: str | None = None,
+    phase: str = "henyey-greenstein",
 ) -> Float[Tensor, "S N"]:
     """R̂(s) or T̂(s), by `side`, of all rows and channels flattened to N, as they are computed."""
     choose("model", model, MODELS)
     choose("scattering", scattering, SCATTERINGS)
     choose("side", side, SIDES)
-    cosine = incidence_cosine(incidence, table.eta[0])
+    choose("phase", phase, PHASES)
+    directions = incidence_directions(incidence, table.eta[0])
     if model == "layered-sp3":
-        return _layered_sp3(table, s, side, scattering, cosine, phase)
+        return layered_sp3.profile(table, s, directions, side=side, scattering=scattering, phase=phase)
     if model == "better-dipole":
-        return _better_dipole(table, s, side, scattering, cosine, phase)
+        return _better_dipole(table, s, side, scattering, directions, phase)
     if scattering != "total":
         raise DomainError(f"scattering: {model} knows only the total, got {scattering!r}; use layered-sp3.")
     if model == "dipole":
@@ -80,30 +84,22 @@ def flat_profile(
         slab = stacked(table, s)
         return slab.R_plus if side == "reflectance" else slab.T_plus
     solve = layered_diffusion.reflectance if side == "reflectance" else layered_diffusion.transmittance
-    return solve(table, s, cosine)
+    return solve(table, s, mean_direction(incidence, table.eta[0]))
 
 
 def _better_dipole(
-    table: LayerTable, s: Float[Tensor, " S"], side: str, scattering: str, cosine: float, phase: str | None
+    table: LayerTable,
+    s: Float[Tensor, " S"],
+    side: str,
+    scattering: str,
+    directions: Directions,
+    phase: str,
 ) -> Float[Tensor, "S N"]:
     first = table.of([x[..., :1, :] for x in table.fields])
     first = replace(first, eta=table.eta[:1], bottomless=True)
-    once, more = single(first, s, cosine, "reflectance", phase), better_dipole(table, s)
+    once, more = single(first, s, directions, "reflectance", phase), better_dipole(table, s)
     R = {"single": once, "multiple": more, "total": once + more}[scattering]
     return R if side == "reflectance" else torch.zeros_like(R)
-
-
-def _layered_sp3(
-    table: LayerTable, s: Float[Tensor, " S"], side: str, scattering: str, cosine: float, phase: str | None
-) -> Float[Tensor, "S N"]:
-    if scattering == "single":
-        return single(table, s, cosine, side, phase)
-    rest = layered_sp3.multiple(table, s, cosine, side)
-    if scattering == "multiple" and phase is None:
-        return rest
-    total = rest + single(table, s, cosine, side)
-    # the multiple part takes up what the reduced, isotropic single scattering had counted
-    return total if scattering == "total" else total - single(table, s, cosine, side, phase)
 
 
 def choose(what: str, name: str, choices: tuple[str, ...]) -> None:

@@ -13,49 +13,52 @@ import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
-from texsss.profiles.slab import TINY, Coefficients, layers_of, light_in, shape
+from texsss.profiles.slab import TINY, Coefficients, Directions, Mode, layers_of, light_in
 from texsss.types import Float, Tensor
 
 
-def reflectance(table: LayerTable, s: Float[Tensor, " S"], cosine: float) -> Float[Tensor, "S N"]:
-    """R̂(s) of light that entered at `cosine` inside, per row and channel, flattened to N.
+def reflectance(table: LayerTable, s: Float[Tensor, " S"], directions: Directions) -> Float[Tensor, "S N"]:
+    """R̂(s) of light that entered in `directions`, per row and channel, flattened to N.
 
     `s` [1/mm]. Differentiable in `table` and `s`.
     """
     layers = layers_of(table)
-    lights = light_in(layers, cosine)
     top, far = _boundary(table.eta[0]), s.new_tensor(_boundary(table.eta[-1]))
+    s2 = s[:, None] ** 2
     response = s.new_zeros(())
     # upwards: the admittance of all below, and what the top of each layer receives from there
-    for layer, light in zip(reversed(layers), reversed(lights), strict=True):
-        flux, kappa = _flux_and_decay(layer, s)
+    for layer, lights in zip(reversed(layers), reversed(light_in(layers, directions)), strict=True):
+        flux, squared = _flux_and_decay(layer, s2)
+        kappa = torch.sqrt(squared)
         if layer.d is None:
-            response = light.source * light.down / (light.sigma + kappa)
+            response = sum(light.source * light.down / (light.sigma + kappa) for light in lights)
             far = flux * kappa
             continue
-        form = shape(kappa, layer.d, light)
-        passed = form.sech / (1 + far / flux * form.th)
-        lower = light.source * (light.down * form.Q + light.up * form.P) + response
-        response = light.source * (light.down * form.P + light.up * form.Q) + passed * lower
-        far = flux * kappa**2 * form.th + form.sech * passed * far
+        mode = Mode(kappa, squared, layer.d)
+        near, lower = mode.lit(lights)
+        passed = mode.sech / (1 + far / flux * mode.th)
+        response = near + passed * (lower + response)
+        far = flux * squared * mode.th + mode.sech * passed * far
     return top / (top + far) * response
 
 
-def transmittance(table: LayerTable, s: Float[Tensor, " S"], cosine: float) -> Float[Tensor, "S N"]:
+def transmittance(table: LayerTable, s: Float[Tensor, " S"], directions: Directions) -> Float[Tensor, "S N"]:
     """T̂(s) of scattered light below the stack, like `reflectance`; 0 without a bottom."""
     layers = layers_of(table)
     if table.bottomless:
         return s.new_zeros(s.shape[0], layers[0].sigma_a.shape[0])
     bottom, near = _boundary(table.eta[-1]), s.new_tensor(_boundary(table.eta[0]))
+    s2 = s[:, None] ** 2
     response = s.new_zeros(())
     # downwards: the same, seen from the lower face
-    for layer, light in zip(layers, light_in(layers, cosine), strict=True):
-        flux, kappa = _flux_and_decay(layer, s)
-        form = shape(kappa, layer.d, light)
-        passed = form.sech / (1 + near / flux * form.th)
-        upper = light.source * (light.down * form.P + light.up * form.Q) + response
-        response = light.source * (light.down * form.Q + light.up * form.P) + passed * upper
-        near = flux * kappa**2 * form.th + form.sech * passed * near
+    for layer, lights in zip(layers, light_in(layers, directions), strict=True):
+        flux, squared = _flux_and_decay(layer, s2)
+        assert layer.d is not None
+        mode = Mode(torch.sqrt(squared), squared, layer.d)
+        upper, far = mode.lit(lights)
+        passed = mode.sech / (1 + near / flux * mode.th)
+        response = far + passed * (upper + response)
+        near = flux * squared * mode.th + mode.sech * passed * near
     return bottom / (bottom + near) * response
 
 
@@ -65,7 +68,7 @@ def _boundary(eta: float) -> float:
     return eta**2 / (2 * fresnel.A(eta))
 
 
-def _flux_and_decay(layer: Coefficients, s: Tensor) -> tuple[Tensor, Tensor]:
-    """eta² D [mm] and κ(s) [1/mm]."""
+def _flux_and_decay(layer: Coefficients, s2: Tensor) -> tuple[Tensor, Tensor]:
+    """eta² D [mm] and κ(s)² [1/mm²]."""
     D = (2 - layer.sigma_s / layer.sigma) / (3 * layer.sigma)
-    return D * layer.eta**2, torch.sqrt(layer.sigma_a / D + s[:, None] ** 2 + TINY)
+    return D * layer.eta**2, s2 + (layer.sigma_a / D + TINY)

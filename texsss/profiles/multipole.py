@@ -1,8 +1,10 @@
 """Slabs as rows of mirrored sources, and stacks of them: `multipole`; half-spaces: `better-dipole`.
 
 A slab of thickness d under a source at depth l = 1 / sigma_t' needs poles at z_r,i = 2i(d + z_b0 + z_bd) + l
-and z_v,i = z_r,i - 2l - 2 z_b0. For d ≥ l their sum over all i has a closed form in Hankel space; in
-thinner slabs, where the model means little, the source is moved to the bottom.
+and z_v,i = z_r,i - 2l - 2 z_b0. For d ≥ l their sum over all i has a closed form in Hankel space. A
+thinner slab, for which the model is not made (Mayorga drops those below 1.5 l), gets its source at the
+bottom and of only d / l of the light; the rest passes straight on and counts as transmitted. So energy
+is kept, and a slab that vanishes is not there.
 Source: Donner & Jensen 2005, with the transmittance as corrected by Mayorga 2008; d'Eon 2012.
 """
 
@@ -108,7 +110,9 @@ def _slab(layer: Coefficients, s: Tensor, above: float, below: float, pairs: int
     if pairs is not None:
         both = (_explicit(albedo, kappa, l, layer.d, *z, pairs) for z in ((z_b0, z_bd), (z_bd, z_b0)))
     else:
-        both = (_closed(albedo, kappa, l, layer.d, *z) for z in ((z_b0, z_bd), (z_bd, z_b0)))
+        share = (layer.d / l).clamp_max(1)
+        closed = (_closed(albedo * share, kappa, l, layer.d, *z) for z in ((z_b0, z_bd), (z_bd, z_b0)))
+        both = ((R, T + (1 - share)) for R, T in closed)
     plus, minus = both
     return Slab(*plus, *minus)
 

@@ -1,8 +1,9 @@
-"""Light that scattered exactly once: R1 and T1 of a stack under a collimated beam.
+"""Light that scattered exactly once: R1 and T1 of a stack under collimated beams.
 
-Light that leaves at cosine μ inside is displaced by ν = √(1/μ² - 1) per depth, so that in Hankel space
-a layer attenuates by √(σ²/μ² + s² ν²) per depth. Cosines are integrated by Gauss quadrature whose
-weight is the share that the surface lets out. Exact in half-spaces but for the quadrature.
+Light that leaves at cosine μ inside is displaced by ν = √(1/μ² - 1) per depth, so that the Hankel
+transform of what comes from depth z is J0(s ν z). Cosines are integrated by Gauss quadrature whose
+weight is the share that the surface lets out. Exact in half-spaces but for the quadrature; where layers
+end, the integral of J0 from there on is a damped oscillation that matches its value and slope.
 """
 
 import math
@@ -15,16 +16,23 @@ from texsss.media.phase import between_cones
 from texsss.media.stack import LayerTable
 from texsss.numerics.exponentials import relexp
 from texsss.numerics.quadrature import gauss_weighted
-from texsss.profiles.slab import Coefficients, Light, layers_of, light_in, refracted
+from texsss.profiles.slab import Coefficients, Directions, Light, layers_of, light_in, refracted
 from texsss.types import Float, Tensor
 
 NODES = 4
+# 1 - ∫_0^x J0 and J0 itself as damped oscillations: within .05 for x ≤ 3, which is where both matter
+_DAMPING, _TURN = 0.35, 0.72
+_SPREAD_FROM = 3.0  # sideways shift [1/s] from which light through a slab is attenuated as in a half-space
 
 
 def single(
-    table: LayerTable, s: Float[Tensor, " S"], cosine: float, side: str, phase: str | None = None
+    table: LayerTable,
+    s: Float[Tensor, " S"],
+    directions: Directions,
+    side: str,
+    phase: str | None = None,
 ) -> Float[Tensor, "S N"]:
-    """R̂1 or T̂1 (`side`) of light that entered at `cosine` inside, per row and channel, flattened to N.
+    """R̂1 or T̂1 (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
     `phase` None: the reduced coefficients, isotropic (similarity); a name: the true coefficients with
     that phase function. A free bottom mirrors the beam and the light on its way out.
@@ -33,18 +41,20 @@ def single(
     if side == "transmittance" and table.bottomless:
         return s.new_zeros(s.shape[0], table.sigma_a[..., 0, :].numel())
     layers = layers_of(table) if phase is None else _unreduced(table)
-    lights = light_in(layers, cosine)
+    lights = light_in(layers, directions)
     g = [table.g[..., k, :].reshape(-1) for k in range(len(layers))]
+    if not bool((table.g != 0).any()):
+        phase = None
     if side == "transmittance":  # the stack seen from below
-        layers, lights, g = layers[::-1], [light.flipped for light in reversed(lights)], g[::-1]
-    seen_from_behind = [light.flipped for light in reversed(lights)]
+        layers, g = layers[::-1], g[::-1]
+        lights = [[light.flipped for light in beams] for beams in reversed(lights)]
     total = s.new_zeros(())
     for mu, weight in _nodes(layers[0].eta):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
-        ways = [_Way(s, c, light, x, phase) for c, light, x in zip(cosines, lights, g, strict=True)]
-        near, through = _leaving(layers, lights, ways)
-        if not table.bottomless:
-            far, _ = _leaving(layers[::-1], seen_from_behind, ways[::-1])
+        near, through = _leaving(layers, lights, g, cosines, s[:, None], phase)
+        if through is not None:
+            behind = [[light.flipped for light in beams] for beams in reversed(lights)]
+            far, _ = _leaving(layers[::-1], behind, g[::-1], cosines[::-1], s[:, None], phase)
             # per solid angle at the far face, so that both are of one pencil of light
             far = far * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
             outside = refracted(mu, layers[0].eta, 1.0)
@@ -54,36 +64,72 @@ def single(
     return total
 
 
-class _Way:
-    """How light leaves one layer: its cosine, its sideways drift and the phase function towards it."""
+def _leaving(
+    layers: list[Coefficients],
+    lights: list[list[Light]],
+    g: list[Tensor],
+    cosines: list[float],
+    s: Tensor,
+    phase: str | None,
+) -> tuple[Tensor, Tensor | None]:
+    """Light at the near face that comes out at `cosines`, per cosine there, and the share that passes all.
 
-    def __init__(self, s: Tensor, cosine: float, light: Light, g: Tensor, phase: str | None):
-        self.cosine = cosine
-        self.sideways = s[:, None] ** 2 * (1 / cosine**2 - 1)
-        self.forward, self.backward = (
-            4 * math.pi * between_cones(phase or "isotropic", light.cosine, c, g) for c in (cosine, -cosine)
-        )
-
-
-def _leaving(layers: list[Coefficients], lights: list[Light], ways: list[_Way]) -> tuple[Tensor, Tensor]:
-    """Light at the near face that comes out along `ways`, per cosine there, and the share that passes all."""
-    total = ways[0].sideways.new_zeros(())
-    through = ways[0].sideways.new_ones(())  # from the near face to here
-    joint = lights[0].down  # the same together with the beam that comes in
-    for layer, light, way in zip(layers, lights, ways, strict=True):
-        spread = _spread(ways[0].cosine, layers[0].eta, way.cosine, layer.eta)
-        out = torch.sqrt((layer.sigma / way.cosine) ** 2 + way.sideways)
-        both = torch.sqrt((light.sigma + layer.sigma / way.cosine) ** 2 + way.sideways)
-        source = spread * light.source
-        if layer.d is None:
-            return total + source * way.backward * joint / both, through * 0
-        returned = way.backward * joint * layer.d * relexp(both * layer.d)
-        passed = torch.exp(-out * layer.d)
-        mirrored = way.forward * light.up * through * torch.maximum(light.beam, passed) * layer.d
-        total = total + source * (returned + mirrored * relexp((light.sigma - out).abs() * layer.d))
-        through = through * passed
-        joint = joint * torch.exp(-both * layer.d)
+    The latter is None without a bottom.
+    """
+    drift = [math.sqrt(max(1 / c**2 - 1, 0)) for c in cosines]  # sideways per depth
+    bottom = layers[-1].d is not None
+    shift = sum(n * layer.d for n, layer in zip(drift, layers, strict=True)) if bottom else None
+    total = s.new_zeros(())
+    through = s.new_ones(()) if bottom else None
+    above = [torch.ones_like(light.down) for light in lights[0]]  # beam down times light up, to s = 0
+    depth = torch.zeros_like(layers[0].sigma)  # [mm] sideways
+    wave = None  # cos and sin of the damped oscillation
+    for layer, beams, k, cosine, n in zip(layers, lights, g, cosines, drift, strict=True):
+        spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
+        b, escape = s * n, layer.sigma / cosine
+        start = wave
+        if layer.d is not None:
+            depth = depth + n * layer.d
+            x = s * depth
+            damped = torch.exp(-_DAMPING * x)
+            wave = damped * torch.cos(_TURN * x), damped * torch.sin(_TURN * x)
+        for i, light in enumerate(beams):
+            a = light.sigma + escape
+            root = torch.sqrt(b * b + a * a)
+            slope = b / (root + a)
+            here = _beyond(slope, start)
+            strength = (
+                spread * _deflection(phase, light.cosine, -cosine, k) * light.source * lights[0][i].down
+            )
+            here = strength * above[i] * here
+            if layer.d is not None:
+                above[i] = above[i] * torch.exp(-a * layer.d)
+                here = here - strength * above[i] * _beyond(slope, wave)
+            total = total + here / root
+        if bottom:
+            assert shift is not None and through is not None and layer.d is not None
+            aside = s * shift
+            out = escape + (torch.sqrt(escape**2 + b * b) - escape) * (aside / (aside + _SPREAD_FROM))
+            passed = torch.exp(-out * layer.d)
+            for light in beams:
+                assert light.up is not None and light.beam is not None
+                strength = spread * _deflection(phase, light.cosine, cosine, k) * light.source * light.up
+                mirrored = torch.maximum(light.beam, passed) * relexp((light.sigma - out).abs() * layer.d)
+                total = total + strength * layer.d * through * mirrored
+            through = through * passed
     return total, through
+
+
+def _beyond(slope: Tensor, wave: tuple[Tensor, Tensor] | None) -> Tensor | float:
+    """∫ J0(b (Z + z)) e^(-az) dz √(a² + b²) by the oscillation at Z, `slope` = (√(a² + b²) - a) / b."""
+    if wave is None:
+        return 1.0
+    return wave[0] + (_DAMPING - slope) / _TURN * wave[1]
+
+
+def _deflection(phase: str | None, first: float, second: float, g: Tensor) -> Tensor | float:
+    """4π times the phase function between cones at two cosines; 1 if it is round."""
+    return 1.0 if phase is None else 4 * math.pi * between_cones(phase, first, second, g)
 
 
 def _spread(near: float, eta_near: float, far: float, eta_far: float) -> float:

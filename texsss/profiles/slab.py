@@ -9,7 +9,9 @@ The light enters as e^-σz. All terms are positive and bounded: nothing overflow
 λ = 0 and d = 0 are ordinary.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 
@@ -21,6 +23,9 @@ from texsss.types import Tensor
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
 TINY = 1e-24  # keeps the derivative of √ finite where nothing is absorbed and s = 0
 
+Directions = Sequence[tuple[float, float]]
+"""Where the light comes from: cosines inside the first layer, and their shares."""
+
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
@@ -31,7 +36,7 @@ class Coefficients:
     d: Tensor | None
     eta: float
 
-    @property
+    @cached_property
     def sigma(self) -> Tensor:
         """Reduced extinction [1/mm]."""
         return (self.sigma_a + self.sigma_s).clamp_min(CLEAR)
@@ -39,29 +44,21 @@ class Coefficients:
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """The collimated light in one layer: e^(-σz) from above, and what its bottom mirrors back up."""
+    """Collimated light in one layer: e^(-σz) from above, and what its bottom mirrors back up."""
 
     cosine: float  # to the normal, inside this layer
     sigma: Tensor  # extinction per depth
-    source: Tensor  # scattering per depth
-    beam: Tensor  # e^(-σd) through this layer
+    source: Tensor  # scattering per depth, times the share of this direction
+    beam: Tensor | None  # e^(-σd) through this layer; None through a half-space
+    lost: Tensor | None  # (1 - beam) / d
     down: Tensor  # beam at the top of the layer, its bounces included
-    up: Tensor  # mirrored beam at the bottom of the layer
+    up: Tensor | None  # mirrored beam at the bottom of the layer; None where nothing mirrors
 
     @property
     def flipped(self) -> "Light":
         """The same seen from below."""
+        assert self.up is not None
         return replace(self, down=self.up, up=self.down)
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """tanh(λd)/λ, sech(λd), and ∫ P e^(-σz), ∫ Q e^(-σz) over the layer; all (S, N)."""
-
-    th: Tensor
-    sech: Tensor
-    P: Tensor
-    Q: Tensor
 
 
 def layers_of(table: LayerTable) -> list[Coefficients]:
@@ -79,12 +76,17 @@ def layers_of(table: LayerTable) -> list[Coefficients]:
     ]
 
 
-def light_in(layers: list[Coefficients], cosine: float) -> list[Light]:
-    """The collimated light in every layer, per unit that entered at `cosine` inside.
+def light_in(layers: list[Coefficients], directions: Directions) -> list[list[Light]]:
+    """The collimated light in every layer, by direction, per unit that entered in all of them.
 
     It refracts where the index changes. A free bottom mirrors it, and the top again, as long as it
     lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out.
     """
+    each = [_light_from(layers, cosine, share) for cosine, share in directions]
+    return [list(lights) for lights in zip(*each, strict=True)]
+
+
+def _light_from(layers: list[Coefficients], cosine: float, share: float) -> list[Light]:
     cosines = [refracted(cosine, layers[0].eta, layer.eta) for layer in layers]
     sigma = [layer.sigma / c for layer, c in zip(layers, cosines, strict=True)]
     depth = [None if layer.d is None else s * layer.d for s, layer in zip(sigma, layers, strict=True)]
@@ -92,45 +94,52 @@ def light_in(layers: list[Coefficients], cosine: float) -> list[Light]:
     for tau in depth:
         down.append(torch.exp(-above))
         above = above if tau is None else above + tau
-    if layers[-1].d is None:
-        up = [torch.zeros_like(t) for t in down]
-        gain = 1.0
-    else:
-        outside = refracted(cosine, layers[0].eta, 1.0)
-        top, bottom = (fresnel.reflectance(outside, layers[k].eta) for k in (0, -1))
+    up: list[Tensor | None] = [None] * len(layers)
+    if layers[-1].d is not None:
+        top, bottom = _mirrors(layers, cosine)
         through = torch.exp(-above)
-        below, up = torch.zeros_like(above), []
-        for tau in reversed(depth):
-            up.insert(0, bottom * through * torch.exp(-below))
-            below = below + tau
         gain = 1 / (1 - top * bottom * through**2)
+        below = torch.zeros_like(above)
+        for k in reversed(range(len(layers))):
+            up[k] = gain * bottom * through * torch.exp(-below)
+            below = below + depth[k]
+        down = [t * gain for t in down]
     return [
         Light(
             cosine=c,
             sigma=s,
-            source=layer.sigma_s / c,
-            beam=torch.zeros_like(s) if tau is None else torch.exp(-tau),
-            down=t * gain,
-            up=u * gain,
+            source=share / c * layer.sigma_s,
+            beam=None if tau is None else torch.exp(-tau),
+            lost=None if tau is None else s * relexp(tau),
+            down=t,
+            up=u,
         )
         for c, s, layer, tau, t, u in zip(cosines, sigma, layers, depth, down, up, strict=True)
     ]
 
 
-def ballistic(table: LayerTable, cosine: float) -> tuple[Tensor, Tensor]:
+def _mirrors(layers: list[Coefficients], cosine: float) -> tuple[float, float]:
+    """Fresnel reflectance of the top and of the bottom for light at `cosine` in the first layer."""
+    outside = refracted(cosine, layers[0].eta, 1.0)
+    return fresnel.reflectance(outside, layers[0].eta), fresnel.reflectance(outside, layers[-1].eta)
+
+
+def ballistic(table: LayerTable, directions: Directions) -> tuple[Tensor, Tensor]:
     """Shares of the light that leave unscattered by the top and by the bottom, flattened to N.
 
     In reduced coefficients, which is how the profiles count: R̂(0) + T̂(0) + both + absorption is 1.
     """
     layers = layers_of(table)
-    lights = light_in(layers, cosine)
+    returned = passed = torch.zeros_like(layers[0].sigma)
     if table.bottomless:
-        nothing = torch.zeros_like(lights[0].sigma)
-        return nothing, nothing
-    outside = refracted(cosine, layers[0].eta, 1.0)
-    top, bottom = (fresnel.reflectance(outside, layers[k].eta) for k in (0, -1))
-    returned = lights[0].up * lights[0].beam * (1 - top)
-    passed = lights[-1].down * lights[-1].beam * (1 - bottom)
+        return returned, passed
+    for cosine, share in directions:
+        lights = _light_from(layers, cosine, share)
+        top, bottom = _mirrors(layers, cosine)
+        first, last = lights[0], lights[-1]
+        assert first.up is not None and first.beam is not None and last.beam is not None
+        returned = returned + share * (1 - top) * first.up * first.beam
+        passed = passed + share * (1 - bottom) * last.down * last.beam
     return returned, passed
 
 
@@ -139,18 +148,47 @@ def refracted(cosine: float, here: float, there: float) -> float:
     return max(1 - (1 - cosine**2) * (here / there) ** 2, 0.0) ** 0.5
 
 
-def shape(decay: Tensor, d: Tensor, light: Light) -> Shape:
-    """Shape of a mode that decays at λ = `decay` (S, N) across a layer of thickness `d` (N,)."""
-    x = decay * d
-    E = torch.exp(-x)
-    slope = relexp(x)
-    cosh = (1 + E * E) / 2  # each × e^-λd
-    sinh = slope * (1 + E) / 2  # over λd
-    sigma, beam = light.sigma, light.beam
-    # ∫ e^(-σz - λz) / d and ∫ e^(-σz) e^(-λ(d - z)) / d
-    together = (sigma * relexp(sigma * d) * E + decay * slope) / (sigma + decay)
-    against = torch.maximum(beam, E) * relexp((sigma - decay).abs() * d)
-    # by parts, from the integrals of cosh
-    P = (1 - (together + E * against) / (2 * sinh)) / sigma
-    Q = ((E * together + against) / (2 * sinh) - beam) / sigma
-    return Shape(th=d * sinh / cosh, sech=E / cosh, P=P, Q=Q)
+class Mode:
+    """A mode that decays at λ = `decay` (S, N) across a layer of thickness `d` (N,).
+
+    `th` = tanh(λd)/λ, `sech` = sech(λd); `squared` = λ².
+    """
+
+    def __init__(self, decay: Tensor, squared: Tensor, d: Tensor):
+        self.decay, self.squared = decay, squared
+        # all by h = tanh(λd/2): e^-λd = (1 - h)/(1 + h), and so on
+        half = (decay * (d / 2)).clamp_min(TINY)
+        h = torch.tanh(half)
+        ratio = h / half
+        h2 = h * h
+        plus = 1 / (1 + h2)
+        whole = 1 / (1 + h)
+        self.th = d * ratio * plus
+        self.sech = (1 - h2) * plus
+        self._d = d
+        self._E = (1 - h) * whole
+        self._lost = ratio * whole  # (1 - E) / λd
+        self._sinh = 2 * self._lost * whole  # (1 - E²) / λd
+
+    def lit(self, lights: list[Light]) -> tuple[Tensor, Tensor]:
+        """∫ P and ∫ Q over the layer with the source of all `lights`: what reaches either face."""
+        near, far = 0.0, 0.0
+        for light in lights:
+            P, Q = self._integrals(light)
+            strength = light.source / light.sigma
+            near, far = near + strength * light.down * P, far + strength * light.down * Q
+            if light.up is not None:
+                near, far = near + strength * light.up * Q, far + strength * light.up * P
+        assert isinstance(near, Tensor) and isinstance(far, Tensor)
+        return near, far
+
+    def _integrals(self, light: Light) -> tuple[Tensor, Tensor]:
+        """σ ∫ P e^(-σz) and σ ∫ Q e^(-σz), by parts."""
+        assert light.beam is not None and light.lost is not None
+        E, beam, sigma = self._E, light.beam, light.sigma
+        # ∫ e^(-σz - λz) / d and ∫ e^(-σz) e^(-λ(d - z)) / d
+        together = (light.lost * E + self.decay * self._lost) / (sigma + self.decay)
+        against = torch.maximum(beam, E) * relexp((sigma - self.decay).abs() * self._d)
+        P = 1 - (together + E * against) / self._sinh
+        Q = (E * together + against) / self._sinh - beam
+        return P, Q
