@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
@@ -19,6 +20,7 @@ from texsss_server.settings import Settings
 
 from texsss.errors import TexsssError
 
+PARTS = (render, bake, study, catalogue, assets, jobs, health)
 STATIC = Path(__file__).parent / "static"
 DESCRIPTION = "Layered subsurface scattering in the texture space of a mesh. A scene is the body everywhere."
 
@@ -44,7 +46,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     service = app.state.service = Service(settings)
     app.openapi = lambda: openapi.describe(app)
-    for part in (render, bake, study, catalogue, assets, jobs, health):
+    for part in PARTS:
         app.include_router(part.router)
     if (STATIC / "index.html").is_file():
         app.frontend("/", directory=STATIC, fallback=None)
@@ -86,9 +88,8 @@ async def _parameters(request: Request, error: Exception) -> Response:
         }
         for one in error.errors()
     ]
-    return await _problem(
-        request, Problem("invalid-parameters", f"{len(errors)} things are out of range.", errors=errors)
-    )
+    detail = f"{errors[0]['pointer']}: {errors[0]['detail']}"
+    return await _problem(request, Problem("invalid-parameters", detail, errors=errors))
 
 
 async def _http(request: Request, error: Exception) -> Response:
@@ -108,9 +109,8 @@ async def _http(request: Request, error: Exception) -> Response:
 
 def _methods(request: Request) -> set[str]:
     """All methods of the routes at this path."""
-    found: set[str] = set()
-    for route in request.app.routes:
-        match, _ = route.matches(request.scope | {"method": "?"})
-        if match is not Match.NONE and getattr(route, "methods", None):
-            found |= route.methods
-    return found
+    scope = {**request.scope, "method": "?"}
+    routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIRoute)]
+    return {
+        method for route in routes if route.matches(scope)[0] is not Match.NONE for method in route.methods
+    }

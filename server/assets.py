@@ -141,7 +141,7 @@ class Store:
             with os.fdopen(handle, "wb") as out:
                 digest = await self._write(out, chunks)
             known = self.get(digest)
-            if known is not None:
+            if known is not None and known.kind == ("mesh" if ending in MESHES else "map"):
                 return known, False
             asset = await self._examined(digest, NAME.sub("_", Path(name).name)[-100:], Path(temporary))
             self._make_room(asset.bytes)
@@ -188,8 +188,15 @@ class Store:
                 return self._mesh(digest, name, data)
             limit = self.settings.max_map_pixels
             height, width, channels = self._child().examine_image(data, name=name, max_pixels=limit)
-            size = {"height": height, "width": width, "channels": channels}
-            return Asset(asset=digest, kind="map", name=name, bytes=len(data), **size)
+            return Asset(
+                asset=digest,
+                kind="map",
+                name=name,
+                bytes=len(data),
+                width=width,
+                height=height,
+                channels=channels,
+            )
         except TooLarge as error:
             unit = "faces" if kind == "mesh" else "pixels"
             raise too_large(unit, error.limit, error.actual) from None

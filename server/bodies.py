@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import Depends, Request
 from pydantic import BaseModel, ValidationError
 from starlette.requests import ClientDisconnect
-from texsss_server.problems import Problem, invalid
+from texsss_server.problems import Problem, invalid, unquoted
 from texsss_server.service import Service, TheService
 from texsss_server.settings import MB, Settings
 
@@ -90,7 +90,7 @@ async def scene_body(request: Request, service: TheService) -> Scene:
 
     Raises Problem: as `json_body`; 422 with a pointer to every fault.
     """
-    data = await json_body(request, service.settings)
+    data = request.state.sent = await json_body(request, service.settings)
     try:
         scene = Scene.model_validate(migrate(data) if isinstance(data, dict) else data)
     except DomainError:
@@ -118,11 +118,12 @@ def of_validation(error: ValidationError, data: Any, where: str = "body") -> Pro
             "pointer": _pointer(one["loc"], data),
             "in": where,
             "code": one["type"],
-            "detail": _unquoted(one["msg"].removeprefix("Value error, "), data),
+            "detail": unquoted(one["msg"].removeprefix("Value error, "), data),
         }
         if told not in errors:
             errors.append(told)
-    return Problem("invalid-parameters", f"{len(errors)} things are out of range.", errors=errors[:50])
+    first, more = errors[0], f" ({len(errors) - 1} more)" if len(errors) > 1 else ""
+    return Problem("invalid-parameters", f"{first['pointer']}: {first['detail']}{more}", errors=errors[:50])
 
 
 def _pointer(loc: tuple, data: Any) -> str:
@@ -138,25 +139,6 @@ def _pointer(loc: tuple, data: Any) -> str:
             parts.append(str(part))
             node = node[part] if part < len(node) else None
     return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
-
-
-def _unquoted(message: str, data: Any) -> str:
-    """A message without the strings that were sent."""
-    for text in sorted(set(_strings(data)), key=len, reverse=True):
-        message = message.replace(repr(text), "what was sent")
-    return message
-
-
-def _strings(data: Any) -> Iterator[str]:
-    if isinstance(data, str):
-        yield data
-    elif isinstance(data, dict):
-        for key, value in data.items():
-            yield key
-            yield from _strings(value)
-    elif isinstance(data, list):
-        for value in data:
-            yield from _strings(value)
 
 
 def _depth(value: Any) -> int:

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from texsss_server.answers import Answer
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
-from texsss_server.worker import Call, Turn, Worker
+from texsss_server.worker import JOB, Call, Turn, Worker
 
 from texsss.errors import TexsssError
 
@@ -113,7 +113,7 @@ class Jobs:
         if unfinished >= self.settings.jobs:
             await asyncio.sleep(self.settings.queue_wait_s)
             raise retry_after("queue-full", f"{unfinished} jobs are unfinished; come back later.", 10)
-        turn = Turn(self.settings.job_timeout_s, patient=True)
+        turn = Turn(self.settings.job_timeout_s, patience=JOB)
         job = Job(kind, turn)
         loop = asyncio.get_running_loop()
         turn.heard = lambda: loop.call_soon_threadsafe(job.notify)

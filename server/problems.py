@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from starlette.responses import Response
@@ -115,15 +115,34 @@ def invalid(detail: str, pointer: str, code: str, where: str = "body") -> Proble
     return Problem("invalid-parameters", detail, errors=[error])
 
 
-def of_error(error: TexsssError) -> Problem:
-    """The answer to an error of the library, without the names of our folders."""
+def of_error(error: TexsssError, sent: Any = None) -> Problem:
+    """The answer to an error of the library, without our folders' names and without what was `sent`."""
     slug = next((slug for kind, slug in SLUGS.items() if isinstance(error, kind)), "internal")
-    detail = FOLDERS.sub("", str(error))
+    detail = unquoted(FOLDERS.sub("", str(error)), sent)
     if slug == "invalid-parameters":
         return invalid(detail, "", type(error).__name__)
     if slug == "render-timeout":
         return retry_after(slug, detail)
     return Problem(slug, detail)
+
+
+def unquoted(message: str, sent: Any) -> str:
+    """A message without the strings that were sent."""
+    for text in sorted(set(_strings(sent)), key=len, reverse=True):
+        message = message.replace(repr(text), "what was sent")
+    return message
+
+
+def _strings(data: Any) -> Iterator[str]:
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            yield key
+            yield from _strings(value)
+    elif isinstance(data, list):
+        for value in data:
+            yield from _strings(value)
 
 
 def responses(*slugs: str) -> dict[int | str, dict[str, Any]]:

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import Depends, Request
 from fastapi.responses import JSONResponse
@@ -14,9 +14,9 @@ from texsss_server.jobs import Jobs
 from texsss_server.metrics import Metrics
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
-from texsss_server.worker import Turn, Worker
+from texsss_server.worker import BACKGROUND, Turn, Worker
 
-from texsss.errors import TexsssError
+from texsss.errors import Cancelled, TexsssError
 from texsss.scene import Scene
 
 log = logging.getLogger("texsss.server")
@@ -75,7 +75,7 @@ class Service:
 
     async def _warm(self) -> None:
         """Fills the cache for the default scene, letting every request go first."""
-        self._warm_turn = Turn(self.settings.job_timeout_s, patient=True)
+        self._warm_turn = Turn(self.settings.job_timeout_s, patience=BACKGROUND)
         try:
             await self.worker.run(lambda engine, turn: engine.prepare(Scene(), turn), self._warm_turn)
         except (Problem, TexsssError) as error:
@@ -95,8 +95,6 @@ class Service:
             if not work.done():
                 turn.stop("gone")
             return await work
-        except TexsssError as error:
-            raise of_error(error) from None
         finally:
             gone.cancel()
             turn.stop("gone")
@@ -113,6 +111,7 @@ class Service:
         """The answer of `call` under the ETag `tag`; a job of a `kind` if the client prefers that."""
         if matches(request.headers.get("if-none-match"), tag):
             return Response(status_code=304, headers=_caching(tag))
+        call = _told(call, getattr(request.state, "sent", None))
         if kind is not None and "respond-async" in request.headers.get("prefer", "").lower():
             return await self._accepted(kind, call)
         known = self.answers.get(tag)
@@ -138,6 +137,20 @@ def success(answer: Answer, headers: dict[str, str]) -> Response:
     if answer.filename:
         headers["content-disposition"] = f'inline; filename="{answer.filename}"'
     return Response(answer.body, 200, headers, media_type=answer.media_type)
+
+
+def _told(call: Callable[..., Answer], sent: Any) -> Callable[..., Answer]:
+    """`call`, whose errors are problems that don't repeat what was `sent`."""
+
+    def telling(engine: Any, turn: Turn) -> Answer:
+        try:
+            return call(engine, turn)
+        except Cancelled:
+            raise
+        except TexsssError as error:
+            raise of_error(error, sent) from None
+
+    return telling
 
 
 def _timing(answer: Answer) -> dict[str, str]:

@@ -15,30 +15,34 @@ from texsss.errors import Cancelled
 if TYPE_CHECKING:
     from texsss_server.engine import Engine
 
+PREVIEW, JOB, BACKGROUND = range(3)
+"""How long work waits for others; see `Turn`."""
+
 Reason = Literal["gone", "superseded", "timeout", "stopping", "cancelled"]
 
 
 class Turn:
     """One piece of work on its way: why it must stop, how far it is, what its stages took.
 
-    A patient turn (a job) lets others go first at every step; its time counts from its start.
+    `patience`: a job lets previews go first at every step, background work lets jobs go first, too; their
+    time counts from their start, a preview's from its arrival.
     """
 
-    def __init__(self, timeout_s: float, *, patient: bool = False, drafts_of: str | None = None):
-        self.timeout_s, self.patient, self.drafts_of = timeout_s, patient, drafts_of
-        self.deadline = float("inf") if patient else time.monotonic() + timeout_s
+    def __init__(self, timeout_s: float, *, patience: int = PREVIEW, drafts_of: str | None = None):
+        self.timeout_s, self.patience, self.drafts_of = timeout_s, patience, drafts_of
+        self.deadline = float("inf") if patience else time.monotonic() + timeout_s
         self.reason: Reason | None = None
         self.started = False
         self.stage, self.fraction = "waiting", 0.0
         self.seconds: dict[str, float] = {}
-        self.heard: Callable[[], None] = lambda: None
-        self.give_way: Callable[[], None] = lambda: None
+        self.heard: Callable[[], object] = lambda: None
+        self.give_way: Callable[[int], None] = lambda patience: None
         self._began: dict[str, float] = {}
 
     def begin(self) -> None:
         """Called by the render thread when the work starts."""
         self.started = True
-        if self.patient:
+        if self.patience:
             self.deadline = time.monotonic() + self.timeout_s
 
     def stop(self, reason: Reason) -> None:
@@ -47,8 +51,8 @@ class Turn:
 
     def stopped(self) -> bool:
         """Whether to stop; asked by the work between its steps."""
-        if self.patient:
-            self.give_way()
+        if self.patience:
+            self.give_way(self.patience)
         if time.monotonic() > self.deadline:
             self.stop("timeout")
         return self.reason is not None
@@ -98,10 +102,8 @@ class Worker:
 
     def __init__(self, make_engine: Callable[[], "Engine"], *, places: int, jobs: int, wait_s: float):
         self._make_engine, self._wait_s = make_engine, wait_s
-        self._places = asyncio.Semaphore(places)
-        self._job_places = asyncio.Semaphore(jobs)
-        self._urgent: deque[Task] = deque()
-        self._patient: deque[Task] = deque()
+        self._places = [asyncio.Semaphore(count) for count in (places, jobs, 1)]
+        self._queues: list[deque[Task]] = [deque() for _ in self._places]
         self._wake = threading.Condition()
         self._closing = False
         self._running: list[Task] = []
@@ -122,17 +124,17 @@ class Worker:
     @property
     def waiting(self) -> int:
         """Calls that have not started."""
-        return len(self._urgent) + len(self._patient)
+        return sum(len(queue) for queue in self._queues)
 
     @property
     def busy(self) -> bool:
         """Whether anything runs or waits."""
-        return bool(self._running or self._urgent or self._patient)
+        return bool(self._running or self.waiting)
 
     async def run(self, call: Call, turn: Turn) -> Any:
         """What `call` gives. Raises Problem: when the queue is full, or `turn` stopped."""
-        places = self._job_places if turn.patient else self._places
-        turn.give_way = self._serve_urgent
+        places = self._places[turn.patience]
+        turn.give_way = self._serve_before
         if turn.drafts_of is not None:
             self._supersede(turn.drafts_of)
         try:
@@ -142,7 +144,7 @@ class Worker:
             raise retry_after("queue-full", f"{self.waiting} requests wait already; try again.") from None
         task = Task(call, turn, self._loop.create_future(), places)
         with self._wake:
-            (self._patient if turn.patient else self._urgent).append(task)
+            self._queues[turn.patience].append(task)
             self._wake.notify()
         try:
             return await task.future
@@ -151,7 +153,7 @@ class Worker:
 
     def stop_all(self, reason: Reason) -> None:
         """Asks everything that runs or waits to stop."""
-        for task in [*self._running, *self._urgent, *self._patient]:
+        for task in [*self._running, *(task for queue in self._queues for task in queue)]:
             task.turn.stop(reason)
 
     def close(self, timeout_s: float = 5.0) -> None:
@@ -163,7 +165,7 @@ class Worker:
         self._thread.join(timeout_s)
 
     def _supersede(self, client: str) -> None:
-        for task in [*self._running, *self._urgent]:
+        for task in [*self._running, *self._queues[PREVIEW]]:
             if task.turn.drafts_of == client:
                 task.turn.stop("superseded")
 
@@ -177,24 +179,23 @@ class Worker:
             raise
         while True:
             with self._wake:
-                while not (self._urgent or self._patient or self._closing):
+                while not (self.waiting or self._closing):
                     self._wake.wait()
-                task = self._next(self._urgent) or self._next(self._patient)
+                task = self._next(BACKGROUND + 1)
             if task is None:
                 return
             self._do(task)
 
-    def _serve_urgent(self) -> None:
+    def _serve_before(self, patience: int) -> None:
+        """Does what is less patient than the work that asks."""
         if threading.current_thread() is not self._thread:
             return  # rooms may ask from threads of their own
-        while (task := self._next(self._urgent)) is not None:
+        while (task := self._next(patience)) is not None:
             self._do(task)
 
-    def _next(self, queue: deque[Task]) -> Task | None:
-        try:
-            return queue.popleft()
-        except IndexError:
-            return None
+    def _next(self, below: int) -> Task | None:
+        """The least patient task; only this thread takes tasks away."""
+        return next((queue.popleft() for queue in self._queues[:below] if queue), None)
 
     def _do(self, task: Task) -> None:
         self._loop.call_soon_threadsafe(task.places.release)

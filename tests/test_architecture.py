@@ -33,8 +33,9 @@ MAY_IMPORT = {
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
     "estimate": ROOMS | {"scene", "resolve"},
-    "pipeline": ROOMS | {"scene", "placing", "look", "resolve", "cache", "result", "report"},
-    "intermediates": ROOMS | {"pipeline"},
+    "stages": {"errors", "types", "scene", "cache"},
+    "pipeline": ROOMS | {"scene", "placing", "look", "resolve", "cache", "stages", "result", "report"},
+    "intermediates": ROOMS | {"specs", "pipeline"},
     "curve": ROOMS | {"pipeline", "resolve"},
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {

@@ -7,16 +7,8 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.pipeline import Run
+from texsss.specs import INTERMEDIATES
 from texsss.types import Float, Tensor
-
-PATTERN = (
-    r"^(irradiance|exitance|radiance|coverage|albedo|position|normal|texel-mm"
-    r"|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2]))$"
-)
-"""The names that `intermediate` knows; Gaussians count from the narrowest, 1."""
-
-DATA = r"coverage|position|normal|texel-mm|weight-.*"
-"""Those that are no light: to be shown scaled to their range, not tone mapped."""
 
 
 def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
@@ -26,7 +18,7 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     texel [mm]; coverage: 1 on the surface; gaussian-N: the light blurred by the N-th Gaussian [W/m²];
     weight-N: its share. Raises DomainError: for another name, or more Gaussians than there are.
     """
-    if not re.fullmatch(PATTERN, name):
+    if not re.fullmatch(INTERMEDIATES, name):
         raise DomainError(
             f"intermediate: expected irradiance, exitance, radiance, coverage, albedo, position, normal, "
             f"texel-mm, gaussian-N or weight-N, got {name!r}."
@@ -37,18 +29,17 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     return _NAMED[name](run)
 
 
-def is_data(name: str) -> bool:
-    """Whether an intermediate is data, not light."""
-    return re.fullmatch(DATA, name) is not None
-
-
 def _numbered(run: Run, kind: str, number: int) -> Float[Tensor, "P 3"]:
     count = len(run.variances)
     if number > count:
         raise DomainError(
             f"intermediate: this scene has {count} Gaussians, got number {number}; raise methods.terms."
         )
-    return run.bank.value.values[number - 1] if kind == "gaussian" else run.weights.value.at()[:, number - 1]
+    return (
+        run.bank.value.values[number - 1]
+        if kind == "gaussian"
+        else run.weights("total").value.at()[:, number - 1]
+    )
 
 
 def _albedo(run: Run) -> Float[Tensor, "H W 3"]:

@@ -14,6 +14,13 @@ Vector = tuple[Number, Number, Number]
 Colour = tuple[NonNegative, NonNegative, NonNegative]
 
 
+INTERMEDIATES = (
+    "irradiance|exitance|radiance|coverage|albedo|position|normal|texel-mm"
+    "|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2])"
+)
+"""Names of what lies between the stages, as a regular expression; Gaussians count from the narrowest, 1."""
+
+
 class Model(BaseModel):
     """Frozen, and closed to unknown fields."""
 
@@ -253,7 +260,11 @@ class CameraSpec(Model):
 
 
 class MethodsSpec(Model):
-    """Which method computes each stage; all are named, so that they can be compared."""
+    """Which method computes each stage; all are named, so that they can be compared.
+
+    With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
+    steps and diffuse only the rest; textures hold both, since they know no eye.
+    """
 
     profile: Literal["dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3"] = (
         "layered-sp3"
@@ -263,6 +274,7 @@ class MethodsSpec(Model):
     terms: Annotated[Count, Field(ge=1, le=32)] = 8
     incidence: Literal["diffuse", "normal"] = "diffuse"
     single_scattering: Literal["none", "uniform", "exact"] = "none"
+    march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
 
 

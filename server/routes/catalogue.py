@@ -41,10 +41,12 @@ async def presets(request: Request, service: TheService) -> list[Preset]:
 async def scenes() -> list[ExampleScene]:
     """Scenes that render as they are; the first is the default, every field stated."""
     named = [(name, one["summary"], one["value"]) for name, one in EXAMPLES.items()]
-    return [
-        ExampleScene(name=name, summary=summary, scene=Scene.parse(value).model_dump(mode="json"))
-        for name, summary, value in named
-    ]
+    return [ExampleScene(name=name, summary=summary, scene=_plain(value)) for name, summary, value in named]
+
+
+def _plain(value: dict) -> dict:
+    """Every field stated but those that are None, of which none is the same as leaving it out."""
+    return Scene.parse(value).model_dump(mode="json", exclude_none=True)
 
 
 @router.get("/v1/schema", summary="JSON schema of a scene")

@@ -15,12 +15,10 @@ from texsss_server.service import TheService
 from texsss_server.settings import Settings
 
 from texsss.scene import Scene
+from texsss.specs import INTERMEDIATES
 
 FORMATS = ("image/png", "image/jpeg", "image/webp", "image/x-exr", "application/x-npz")
-IMAGE = (
-    r"^(picture|irradiance|exitance|radiance|coverage|albedo|position|normal|texel-mm"
-    r"|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2]))$"
-)
+IMAGE = f"^(picture|{INTERMEDIATES})$"
 WORK = (
     *("malformed-json", "malformed-body", "not-acceptable", "request-timeout", "superseded"),
     *("body-too-large", "unsupported-media-type", "invalid-parameters", "no-convergence", "queue-full"),
