@@ -11,9 +11,9 @@ from texsss.errors import AssetError, Cancelled, ShapeError, Unavailable
 from texsss.io.images import write_png
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
-from texsss.pipeline import STAGE_VERSIONS
 from texsss.profiles.hankel import hankel_profiles
 from texsss.scene import Scene
+from texsss.stages import STAGE_VERSIONS
 
 LAMP = {"type": "point", "position_mm": [300.0, 400.0, 700.0], "intensity_w_per_sr": [3.0, 3.0, 3.0]}
 

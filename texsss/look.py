@@ -1,15 +1,21 @@
 """How a baked surface looks: exitance, albedo, bumps and gloss joined into what a ray sees."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
 
 from texsss.light.emitters import Light
 from texsss.light.visibility import Occluder
+from texsss.media.stack import Stack
 from texsss.numerics.sampling import bilinear
 from texsss.resolve import Images
 from texsss.specs import SurfaceSpec
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
+from texsss.transport.march.march import march
+from texsss.transport.march.planes import Planes
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.shade import Gloss, shade
@@ -26,11 +32,12 @@ def shader(
     eta: float,
     occluder: Occluder,
     seed: int,
+    single: Callable[[Hits], Tensor] | None = None,
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to radiance (P, 3) [W/(m² sr)] that `view.picture` asks for.
 
     `exitance` [W/m²]: an image over the atlas, before the albedo that applies after diffusion.
-    `images`: the maps that `surface` names.
+    `images`: the maps that `surface` names. `single`: radiance of light scattered once, to be added.
     """
     albedo = None
     if surface.albedo is not None and surface.albedo_mode != "pre":
@@ -41,7 +48,7 @@ def shader(
         def grey(value: float | str) -> float | Tensor:
             return painted(images[value], hits.points, mesh).mean(-1) if isinstance(value, str) else value
 
-        return shade(
+        radiance = shade(
             hits,
             mesh,
             atlas_uv,
@@ -54,8 +61,45 @@ def shader(
             occluder=occluder,
             seed=seed,
         )
+        if single is None:
+            return radiance
+        once = single(hits)
+        if surface.albedo is not None:
+            once = once * painted(images[surface.albedo], hits.points, mesh)
+        return radiance + once
 
     return seen
+
+
+def scattered_once(
+    stack: Stack,
+    mesh: Mesh,
+    planes: Planes,
+    lights: Sequence[Light],
+    *,
+    atlas_uv: Float[Tensor, "F 3 2"],
+    scale: Float[Tensor, "H W 3"] | None,
+    **options: Any,
+) -> Callable[[Hits], Tensor]:
+    """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
+
+    `scale`: an image over the atlas that multiplies it, where profiles are normalised. `options`: the
+    method, samples, occluder and seed of `march`.
+    """
+
+    def once(hits: Hits) -> Tensor:
+        light = march(
+            hits.points, mesh, planes, stack, tuple(lights), hits.view, uv=mesh.source_uv, **options
+        )
+        return light if scale is None else light * bilinear(scale, hits.points.uv(atlas_uv))
+
+    return once
+
+
+def share_of(total: Float[Tensor, "*B C"]) -> Float[Tensor, "*B C"]:
+    """1 / total, and 0 where nothing comes back."""
+    some = total > 0
+    return torch.where(some, 1 / torch.where(some, total, 1), 0)
 
 
 def painted(image: Float[Tensor, "H W C"], points: Points, mesh: Mesh) -> Float[Tensor, "P C"]:

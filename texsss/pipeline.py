@@ -7,78 +7,51 @@ Stages are pure functions of the rooms; here they are joined. A result is kept u
 everything it was made from, so that a material edit costs no blur and a light edit no physics.
 """
 
-import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 
 from texsss import placing, resolve
 from texsss.cache import Kept, StageCache, content_key
-from texsss.errors import ShapeError, Unavailable
+from texsss.errors import ShapeError
 from texsss.light.emitters import Light
 from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import sites_at
 from texsss.light.visibility import Occluder
-from texsss.look import bumped, map_names, painted, shader
+from texsss.look import bumped, map_names, painted, scattered_once, shader, share_of
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
 from texsss.report import describe
 from texsss.result import Baked
 from texsss.scene import Scene
+from texsss.stages import Stages
 from texsss.surface.atlas import make_atlas
 from texsss.surface.raster import rasterise
 from texsss.transport.bank import build_bank, diffusion, exitance
-from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
+from texsss.transport.march.interior import from_stack
+from texsss.transport.march.march import fitted_planes
+from texsss.types import Cancel, Float, Progress, Tensor
+from texsss.view.camera import Hits
 from texsss.view.picture import picture
 from texsss.view.tonemap import tonemap
 
-STAGE_VERSIONS = {
-    "mesh": 1,
-    "occluder": 1,
-    "atlas": 1,
-    "texels": 1,
-    "maps": 1,
-    "albedo": 1,
-    "sites": 1,
-    "light": 1,
-    "bank": 1,
-    "weights": 1,
-    "exitance": 1,
-    "picture": 1,
-}
-"""Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
 
-
-class Run:
+class Run(Stages):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
     def __init__(
         self,
-        cache: StageCache, scene: Scene, progress: Progress | None = None, cancel: Cancel | None = None,
+        cache: StageCache,
+        scene: Scene,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
         assets: resolve.Assets | None = None,
-    ):  # fmt: skip
-        refuse_what_is_missing(scene)
-        self.cache, self.scene, self.cancel, self.assets = cache, scene, cancel, assets
-        self.tell: Progress = progress or (lambda stage, fraction: None)
-        self.seconds: dict[str, float] = {}
-
-    def stage(self, name: str, make: Callable[[], Any], *depends: Any) -> Kept:
-        """The result of `make`, kept under the content of `depends`."""
-        check_cancelled(self.cancel)
-        key = content_key(name, STAGE_VERSIONS[name], *depends)
-        self.tell(name, 0.0)
-        start = time.perf_counter()
-        value, fresh = self.cache.get_or_make(key, make)
-        if fresh:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-        self.tell(name, 1.0)
-        return Kept(value, key)
-
-    def hooks(self, name: str) -> dict[str, Any]:
-        """What a long stage listens to and speaks through; the pipeline names the stages, not the rooms."""
-        return {"progress": lambda _, fraction: self.tell(name, fraction), "cancel": self.cancel}
+    ):
+        super().__init__(cache, scene, progress, cancel)
+        self.assets = assets
 
     # surface
 
@@ -138,8 +111,10 @@ class Run:
     @cached_property
     def surface_maps(self) -> dict[str, Kept]:
         """The maps of the surface by name. Raises ShapeError: when the mesh has nothing to lay them on."""
-        names = map_names(self.scene.material.surface)
-        return {name: self.image(name) for name in names} if names and self.source_uv is not None else {}
+        maps = {name: self.image(name) for name in map_names(self.scene.material.surface)}
+        if maps:
+            _ = self.source_uv
+        return maps
 
     @cached_property
     def albedo(self) -> Kept | None:
@@ -170,25 +145,34 @@ class Run:
             return torch.zeros(1)
         return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, methods.terms)
 
-    @cached_property
-    def weights(self) -> Kept:
+    def profile(self, scattering: str) -> Kept:
+        """Weights of the ladder at the texels, as the media have them."""
         texels, methods, stack = self.texels.value, self.scene.methods, self.stack.value
-        varies = stack.varies
+        model, incidence = methods.profile, methods.incidence
 
         def make():
             return weights_for(
                 stack,
                 self.variances,
-                points_uv=texels.points.uv(self.source_uv) if varies else None,
+                points_uv=texels.points.uv(self.source_uv) if stack.varies else None,
                 points=len(texels),
-                model=methods.profile,
-                incidence=methods.incidence,
+                model=model,
+                scattering=scattering,
+                incidence=incidence,
                 **self.hooks("weights"),
             )
 
-        normalised = self.normalised
-        made = self.stage("weights", make, self.stack, self.texels, self.variances, methods)
-        return Kept(made.value.normalised(), f"{made.key} normalised") if normalised else made
+        depends = self.stack, self.texels, self.variances, model, scattering, incidence
+        return self.stage("weights", make, *depends)
+
+    def weights(self, scattering: str) -> Kept:
+        """Weights that pictures use: of total 1 where an albedo map says how much comes back."""
+        made = self.profile(scattering)
+        if not self.normalised:
+            return made
+        total = self.profile("total")
+        table = made.value.table * share_of(total.value.table.sum(1, keepdim=True))
+        return Kept(replace(made.value, table=table), f"{made.key} of {total.key}")
 
     @property
     def normalised(self) -> bool:
@@ -251,10 +235,9 @@ class Run:
 
         return self.stage("bank", make, light, share, self.variances, methods.diffusion)
 
-    @cached_property
-    def diffused(self) -> Kept:
+    def diffused(self, scattering: str) -> Kept:
         """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
-        bank, weights, methods = self.bank, self.weights, self.scene.methods
+        bank, weights, methods = self.bank, self.weights(scattering), self.scene.methods
 
         def make():
             blur = diffusion(self.texels.value, methods.diffusion, **self.hooks("exitance"))
@@ -272,67 +255,86 @@ class Run:
     @property
     def exitance(self) -> Float[Tensor, "P 3"]:
         """Exitance at the texels [W/m²]."""
-        share = self.albedo_share("post")
-        return self.diffused.value if share is None else self.diffused.value * share.value
+        share, diffused = self.albedo_share("post"), self.diffused("total").value
+        return diffused if share is None else diffused * share.value
 
     # picture
 
     @cached_property
-    def exitance_image(self) -> Kept:
-        """Exitance before the albedo after diffusion, (H, W, 3), gutter filled [W/m²]."""
-        texels, diffused = self.texels.value, self.diffused
-        return Kept(texels.to_image(diffused.value), diffused.key)
+    def planes(self) -> Kept:
+        """The surface as it looks from within, for the march."""
+        (mesh, _), interior = self.mesh.value, from_stack(self.stack.value)
+        return self.stage("planes", lambda: fitted_planes(mesh, interior), self.mesh, self.stack)
+
+    @cached_property
+    def single(self) -> Callable[[Hits], Tensor] | None:
+        """Radiance of light scattered once, at camera hits; None where the profiles hold it."""
+        methods = self.scene.methods
+        if methods.single_scattering == "none":
+            return None
+        (mesh, _), texels = self.mesh.value, self.texels.value
+        scale = None
+        if self.normalised:
+            total = self.profile("total").value
+            scale = texels.to_image(share_of(total.table.sum(1))[total.row.long()])
+        return scattered_once(
+            self.stack.value,
+            mesh,
+            self.planes.value,
+            self.lights,
+            atlas_uv=texels.atlas_uv,
+            scale=scale,
+            method=methods.single_scattering,
+            samples=methods.march_samples,
+            occluder=self.occluder.value,
+            seed=self.scene.seed,
+        )
 
     @cached_property
     def picture(self) -> Float[Tensor, "h w 3"]:
         """The picture, linear RGB."""
         scene, surface = self.scene, self.scene.material.surface
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
-        image, eta, maps = self.exitance_image, self.stack.value.eta, self.surface_maps
+        methods, eta, maps = scene.methods, self.stack.value.eta, self.surface_maps
+        once = self.single
+        image = self.diffused("total" if once is None else "multiple")
 
         def make():
             images = {name: kept.value for name, kept in maps.items()}
             place = {"eta": eta, "occluder": occluder, "seed": scene.seed}
-            see = shader(surface, images, mesh, atlas.uv, image.value, self.lights, **place)
+            diffuse = self.texels.value.to_image(image.value)
+            see = shader(surface, images, mesh, atlas.uv, diffuse, self.lights, single=once, **place)
             look = {"samples": scene.camera.samples, "background": placing.background(scene)}
             view = placing.camera(scene.camera, mesh)
             return picture(view, occluder, see, seed=scene.seed, **look, **self.hooks("picture"))
 
-        lit = (image, maps, self.lights_key, eta, surface, scene.camera, scene.output.background, scene.seed)
+        marched = None if once is None else (self.planes, methods.single_scattering, methods.march_samples)
+        lit = (
+            image,
+            marched,
+            maps,
+            self.lights_key,
+            eta,
+            surface,
+            scene.camera,
+            scene.output.background,
+            scene.seed,
+        )
         return self.stage("picture", make, *lit).value[..., :3]
 
     def baked(self) -> Baked:
         """Everything but the picture, which is taken when asked for."""
         scene = self.scene
-        result = (self.irradiance.value, self.exitance, self.weights.value)
+        result = (self.irradiance.value, self.exitance, self.weights("total").value)
 
         def encode(image: Tensor) -> Tensor:
             return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)
 
         def report() -> dict:
             (_, notes), atlas, texels = self.mesh.value, self.atlas.value, self.texels.value
-            weights, entered = self.weights.value, self.irradiance.value
+            weights, entered = self.weights("total").value, self.irradiance.value
             return describe(
                 scene, self.seconds, notes.messages, atlas, texels, weights, entered, self.exitance
             )
 
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)
-
-
-AVAILABLE = {
-    "diffusion": ("none", "uv"),
-    "single_scattering": ("none",),
-    "transmission": (False,),
-}
-"""Methods that work; the schema names more, so that scenes keep when they come."""
-
-
-def refuse_what_is_missing(scene: Scene) -> None:
-    """Raises Unavailable: when a scene asks for a method that the schema has and this version has not."""
-    for field, choices in AVAILABLE.items():
-        value = getattr(scene.methods, field)
-        if value not in choices:
-            raise Unavailable(
-                f"Scene: methods.{field}: {value!r} is not in this version yet; "
-                f"choose {' or '.join(repr(choice) for choice in choices)}."
-            )

@@ -67,7 +67,7 @@ def march(
         raise ShapeError(f"march: expected media of 1 or 3 channels, as lights have, got {channels}.")
     if len(points) == 0:
         return mesh.vertices.new_zeros(0, 3)
-    planes = planes or _planes(mesh, interior)
+    planes = planes or fitted_planes(mesh, interior)
     surface = Surface(mesh, planes, check_uv(mesh, uv, interior))
     if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
         compiled = False
@@ -106,7 +106,7 @@ def march(
     return torch.cat(parts)
 
 
-def _planes(mesh: Mesh, interior: Interior) -> Planes:
+def fitted_planes(mesh: Mesh, interior: Interior) -> Planes:
     """Planes at the radius that the first layer asks for; tangent planes where it is clear."""
     sigma_t = interior.sigma_t.detach()[..., 0, :]
     least = float(sigma_t.amin())

@@ -1,0 +1,74 @@
+"""How stages run: kept by content, timed, heard of, stopped on request."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from texsss.cache import Kept, StageCache, content_key
+from texsss.errors import Unavailable
+from texsss.scene import Scene
+from texsss.types import Cancel, Progress, check_cancelled
+
+STAGE_VERSIONS = {
+    "mesh": 1,
+    "occluder": 1,
+    "atlas": 1,
+    "texels": 1,
+    "maps": 1,
+    "albedo": 1,
+    "sites": 1,
+    "light": 1,
+    "bank": 1,
+    "weights": 1,
+    "exitance": 1,
+    "planes": 1,
+    "picture": 1,
+}
+"""Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
+
+
+class Stages:
+    """The stages of one scene; each is made once, or taken from `cache`."""
+
+    def __init__(self, cache: StageCache, scene: Scene, progress: Progress | None, cancel: Cancel | None):
+        refuse_what_is_missing(scene)
+        self.cache, self.scene, self.cancel = cache, scene, cancel
+        self.tell: Progress = progress or (lambda stage, fraction: None)
+        self.seconds: dict[str, float] = {}
+        self.made: dict[str, Kept] = {}
+
+    def stage(self, name: str, make: Callable[[], Any], *depends: Any) -> Kept:
+        """The result of `make`, kept under the content of `depends`."""
+        check_cancelled(self.cancel)
+        key = content_key(name, STAGE_VERSIONS[name], *depends)
+        if key in self.made:
+            return self.made[key]
+        self.tell(name, 0.0)
+        start = time.perf_counter()
+        value, fresh = self.cache.get_or_make(key, make)
+        if fresh:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        self.tell(name, 1.0)
+        return self.made.setdefault(key, Kept(value, key))
+
+    def hooks(self, name: str) -> dict[str, Any]:
+        """What a long stage listens to and speaks through; the pipeline names the stages, not the rooms."""
+        return {"progress": lambda _, fraction: self.tell(name, fraction), "cancel": self.cancel}
+
+
+AVAILABLE = {
+    "diffusion": ("none", "uv"),
+    "transmission": (False,),
+}
+"""Methods that work; the schema names more, so that scenes keep when they come."""
+
+
+def refuse_what_is_missing(scene: Scene) -> None:
+    """Raises Unavailable: when a scene asks for a method that the schema has and this version has not."""
+    for field, choices in AVAILABLE.items():
+        value = getattr(scene.methods, field)
+        if value not in choices:
+            raise Unavailable(
+                f"Scene: methods.{field}: {value!r} is not in this version yet; "
+                f"choose {' or '.join(repr(choice) for choice in choices)}."
+            )
