@@ -41,7 +41,9 @@ DEFAULT_OBJECT: dict[str, Any] = {
     "mesh": {"source": {"builtin": "axolotl/axolotl.obj"}, "unit_mm": 1.0},
     "maps": {"albedo": {"source": {"builtin": "axolotl/albedo.png"}, "space": "srgb"}},
     "material": {"layers": [{"medium": "skin1"}], "surface": {"albedo": "albedo", "roughness": 0.35}},
-    "camera": {"direction": [0.6, 0.35, 1.0]},
+    "lights": [{"type": "studio", "intensity": 1.3}],
+    "camera": {"direction": [0.62, 0.36, 0.7], "fov_y_deg": 18.0, "resolution": [1120, 630]},
+    "output": {"tonemap": "aces"},
 }
 """What stands in where a scene names no mesh."""
 
@@ -49,8 +51,8 @@ DEFAULT_OBJECT: dict[str, Any] = {
 class Scene(Model):
     """Everything a bake depends on, as plain values. `Scene()` is the default scene.
 
-    A scene without a mesh takes our own, and with it those of its maps, material and camera that
-    the scene does not state.
+    A scene without a mesh takes our own, and with it those of its maps, material, lights,
+    camera and output that the scene does not state.
     """
 
     version: Literal[1] = SCHEMA_VERSION
