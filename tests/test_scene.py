@@ -28,6 +28,12 @@ def test_own_mesh_does_not_wear_the_default_albedo():
     assert Scene(mesh="head.obj").material.surface.albedo is None
 
 
+def test_default_object_keeps_what_is_not_stated():
+    scene = Scene.parse({"camera": {"resolution": [64, 48]}, "material": {"layers": [{"medium": "marble"}]}})
+    assert scene.camera.resolution == (64, 48) and scene.camera.direction == Scene().camera.direction
+    assert scene.material.layers[0].medium == "marble" and scene.material.surface.albedo == "albedo"
+
+
 @pytest.mark.parametrize(
     "data, names",
     [

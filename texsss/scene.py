@@ -72,13 +72,7 @@ class Scene(Model):
     def _default_object(cls, data: Any) -> Any:
         if not isinstance(data, dict) or "mesh" in data:
             return data
-        if "maps" in data:  # the author's maps stand beside ours
-            data = (
-                data | {"maps": {**DEFAULT_OBJECT["maps"], **data["maps"]}}
-                if isinstance(data["maps"], dict)
-                else data
-            )
-        return DEFAULT_OBJECT | data
+        return _filled(data, DEFAULT_OBJECT)
 
     @model_validator(mode="after")
     def _names_exist(self) -> "Scene":
@@ -170,6 +164,14 @@ def migrate(data: dict) -> dict:
     for step in range(version, SCHEMA_VERSION):
         data = MIGRATIONS[step](data) | {"version": step + 1}
     return data
+
+
+def _filled(value: Any, default: Any) -> Any:
+    """`value` with the fields of `default` that it does not state, within its parts too."""
+    if not isinstance(value, dict) or not isinstance(default, dict):
+        return value
+    stated = {name: _filled(item, default.get(name)) for name, item in value.items()}
+    return {**default, **stated}
 
 
 def _anchored(value: Any, folder: Path) -> Any:
