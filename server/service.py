@@ -38,7 +38,7 @@ class Service:
         self._warming: asyncio.Task | None = None
 
     def start(self) -> None:
-        """Starts the render thread, and warms the default scene when it is there."""
+        """Starts the render thread; then warms the default scene and the reader of uploads."""
         self.worker.start()
         if self.settings.warm:
             self._warming = asyncio.create_task(self._warm())
@@ -80,6 +80,8 @@ class Service:
             await self.worker.run(lambda engine, turn: engine.prepare(Scene(), turn), self._warm_turn)
         except (Problem, TexsssError) as error:
             log.info("warming ended early", extra={"reason": str(error)})
+        else:
+            await asyncio.to_thread(self.store.warm)
 
     # how requests are answered
 

@@ -23,6 +23,7 @@ class Running:
     url: str
     process: subprocess.Popen
     log: Path
+    assets: Path
     first_ready: int
     first_alive: int
 
@@ -50,7 +51,8 @@ def launch(folder: Path, name: str, **settings: object) -> Running:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    given = {"host": "127.0.0.1", "port": port, "threads": 1, "warm": False, **settings}
+    assets = folder / f"{name}-assets"
+    given = {"assets_dir": assets, "host": "127.0.0.1", "port": port, "threads": 1, "warm": False, **settings}
     environment = os.environ | {f"TEXSSS_{key.upper()}": str(value) for key, value in given.items()}
     log = folder / f"{name}.log"
     with log.open("wb") as out:
@@ -63,7 +65,7 @@ def launch(folder: Path, name: str, **settings: object) -> Running:
             ready, alive = (
                 httpx.get(f"{url}/{path}", timeout=5).status_code for path in ("readyz", "healthz")
             )
-            return Running(url, process, log, ready, alive)
+            return Running(url, process, log, assets, ready, alive)
         except httpx.TransportError:
             if process.poll() is not None or time.monotonic() > deadline:
                 pytest.fail(f"the server did not start:\n{log.read_text()}")

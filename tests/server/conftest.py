@@ -51,6 +51,8 @@ def torus() -> bytes:
 @pytest.fixture(scope="session")
 def small(server, torus) -> dict:
     """A scene that renders in milliseconds: an uploaded torus."""
-    asset = httpx.post(f"{server.url}/v1/assets", params={"name": "torus.obj"}, content=torus, headers=OBJ)
+    asset = httpx.post(
+        f"{server.url}/v1/assets", params={"name": "torus.obj"}, content=torus, headers=OBJ, timeout=60
+    )
     assert asset.status_code in (200, 201), asset.text
     return quick({"asset": asset.json()["asset"]})
