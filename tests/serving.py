@@ -101,7 +101,7 @@ STRICT = {
     "upload_mb": 0.01,
     "queue": 1,
     "render_timeout_s": 0.4,
-    "max_faces": 500,
+    "max_faces": 200,
     "max_map_pixels": 100,
     "cors_origins": "https://studio.example",
     "jobs": 2,
