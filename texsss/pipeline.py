@@ -16,7 +16,7 @@ import torch
 
 from texsss import placing, resolve
 from texsss.cache import Kept, StageCache, content_key
-from texsss.errors import ShapeError
+from texsss.errors import DomainError, ShapeError
 from texsss.light.emitters import Light
 from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import sites_at
@@ -82,12 +82,17 @@ class Run(Stages):
     @cached_property
     def texels(self) -> Kept:
         (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
-        return self.stage(
-            "texels",
-            lambda: rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels")),
-            self.atlas,
-            size,
-        )
+
+        def make():
+            texels = rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels"))
+            if not texels.texel_mm > 0:
+                raise DomainError(
+                    f"Atlas: no texel of {size} × {size} lies on {mesh.name}, whose "
+                    f"{atlas.report.charts:,} charts are smaller than one; raise atlas.size (--size)."
+                )
+            return texels
+
+        return self.stage("texels", make, self.atlas, size)
 
     # matter
 

@@ -18,6 +18,11 @@ POLL_S = 0.05
 EXTENT = 1000.0  # xatlas has absolute tolerances; it gets every mesh in this size
 
 
+def patience(mesh: Mesh) -> float:
+    """How long xatlas may take before it is given up [s]: five times the usual, at most ten minutes."""
+    return min(6 + 5 * SECONDS_PER_FACE * mesh.faces.shape[0], 600.0)
+
+
 def xatlas_uv(
     mesh: Mesh,
     size: int,

@@ -8,7 +8,7 @@ import torch
 from texsss.errors import DomainError
 from texsss.surface._fallback import projected_uv
 from texsss.surface._scanline import doubled_area, spans
-from texsss.surface._unwrap import xatlas_uv
+from texsss.surface._unwrap import patience, xatlas_uv
 from texsss.surface.mesh import Mesh
 from texsss.surface.raster import check_size, contested_area, snapped
 from texsss.surface.topology import charts
@@ -74,7 +74,7 @@ def make_atlas(
     *,
     size: int | tuple[int, int] = 1024,
     padding_texels: int = 5,
-    timeout_s: float | int = 90.0,
+    timeout_s: float | int | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Atlas:
@@ -82,7 +82,8 @@ def make_atlas(
 
     `auto`: the author's coordinates if they lie in the square, at most 0.1 % of the surface overlaps or is
     flat (mirrored charts serve), and at most 1 % lies in charts smaller than a texel; else `xatlas`, in a
-    process of its own for at most `timeout_s` [s], charts at least `padding_texels` apart at `size` (H, W)
+    process of its own for at most `timeout_s` [s] (None: five times what is usual for so many faces),
+    charts at least `padding_texels` apart at `size` (H, W)
     [texels]; and should that fail, or be bound to take longer, the `fallback`: projections along the axes,
     which always end. `source` insists on the author's.
     Same input, same atlas. Raises DomainError: when `source` cannot serve at all. Cancelled: on request.
@@ -101,7 +102,12 @@ def make_atlas(
     side = min(shape)
     if uv != "fallback":
         texture, why = xatlas_uv(
-            mesh, side, padding_texels, timeout_s=float(timeout_s), progress=progress, cancel=cancel
+            mesh,
+            side,
+            padding_texels,
+            timeout_s=patience(mesh) if timeout_s is None else float(timeout_s),
+            progress=progress,
+            cancel=cancel,
         )
         if texture is not None:
             atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", float(padding_texels), messages)

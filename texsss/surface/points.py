@@ -129,9 +129,9 @@ class TexelMaps:
 
     @cached_property
     def texel_mm(self) -> float:
-        """Typical edge of a texel on the surface [mm]: the root of the median area."""
-        covered = self.area[self.covered]
-        return float(covered.median().sqrt()) if covered.numel() else 0.0
+        """Typical edge of a texel on the surface [mm]: the root of the median area; 0 without any."""
+        real = self.area[self.area > 0]
+        return float(real.median().sqrt()) if real.numel() else 0.0
 
     @property
     def _texel(self) -> Int[Tensor, " P"]:
