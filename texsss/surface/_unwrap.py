@@ -19,8 +19,8 @@ EXTENT = 1000.0  # xatlas has absolute tolerances; it gets every mesh in this si
 
 
 def patience(mesh: Mesh) -> float:
-    """How long xatlas may take before it is given up [s]: five times the usual, at most ten minutes."""
-    return min(6 + 5 * SECONDS_PER_FACE * mesh.faces.shape[0], 600.0)
+    """How long xatlas may take before it is given up [s]: three times the usual, at most ten minutes."""
+    return min(4 + 3 * SECONDS_PER_FACE * mesh.faces.shape[0], 600.0)
 
 
 def xatlas_uv(
