@@ -1,5 +1,7 @@
 """Fixtures for all rooms."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,3 +15,11 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("../shared/data is absent: foreign meshes and maps not tested")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def bad_files(shared_data, tmp_path_factory) -> Path:
+    """A folder of 158 deliberately bad meshes, and textures in tex/; not to be written to."""
+    folder = tmp_path_factory.mktemp("bad")
+    subprocess.run([sys.executable, str(shared_data / "make_nasty.py"), str(folder)], check=True)
+    return folder
