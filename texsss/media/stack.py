@@ -51,6 +51,12 @@ class LayerTable:
     thickness: Float[Tensor, "*B L C"]
     eta: tuple[float, ...]
     bottomless: bool
+    known_isotropic: bool = False  # saves the look at g
+
+    @property
+    def isotropic(self) -> bool:
+        """Whether g is 0 everywhere."""
+        return self.known_isotropic or not bool((self.g != 0).any())
 
     @property
     def batch(self) -> torch.Size:

@@ -13,7 +13,7 @@ from texsss.profiles.dipole import dipole_hankel
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.multipole import better_dipole, stacked
 from texsss.profiles.single import single
-from texsss.profiles.slab import Directions
+from texsss.profiles.slab import Directions, in_blocks
 from texsss.types import Float, Tensor
 
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
@@ -84,7 +84,8 @@ def flat_profile(
         slab = stacked(table, s)
         return slab.R_plus if side == "reflectance" else slab.T_plus
     solve = layered_diffusion.reflectance if side == "reflectance" else layered_diffusion.transmittance
-    return solve(table, s, mean_direction(incidence, table.eta[0]))
+    mean = mean_direction(incidence, table.eta[0])
+    return torch.cat([solve(part, s, mean) for part in in_blocks(table)], 1)
 
 
 def _better_dipole(

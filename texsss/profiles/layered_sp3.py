@@ -13,7 +13,16 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.profiles.single import single
-from texsss.profiles.slab import Coefficients, Directions, Light, ballistic, layers_of, light_in
+from texsss.profiles.slab import (
+    CLEAR,
+    Coefficients,
+    Directions,
+    Light,
+    ballistic,
+    in_blocks,
+    layers_of,
+    light_in,
+)
 from texsss.profiles.two_mode_sweep import scattered_twice
 from texsss.profiles.two_modes import TwoModes, two_modes
 from texsss.types import Float, Tensor
@@ -39,29 +48,46 @@ def profile(
     knows `phase`. Differentiable in `table` and `s`.
     """
     if scattering == "single":
-        return single(table, s, directions, side, phase)
-    round_ = not bool((table.g != 0).any())
-    if round_ or side == "transmittance":
-        rest = multiple(table, s, directions, side)
+        blocks = [single(part, s, directions, side, phase) for part in in_blocks(table)]
+    else:
+        factor = _furnace(table, directions)
+        parts = in_blocks(table)
+        lacking = factor.split([part.sigma_a[..., 0, :].numel() for part in parts])
+        blocks = [
+            _profile(part, s, directions, side, scattering, phase, f)
+            for part, f in zip(parts, lacking, strict=True)
+        ]
+    return torch.cat(blocks, 1)
+
+
+def _profile(
+    table: LayerTable,
+    s: Tensor,
+    directions: Directions,
+    side: str,
+    scattering: str,
+    phase: str,
+    lacking: Tensor,
+) -> Tensor:
+    """The total or multiple part of one block of rows; `lacking`: the factor of the furnace."""
+    if side == "transmittance" or table.isotropic:
+        rest = _multiple(table, s, directions, side) * lacking
         return rest if scattering == "multiple" else rest + single(table, s, directions, side)
     zero = s.new_zeros(1)
-    rest = multiple(table, torch.cat([s, zero]), directions, side)
+    rest = _multiple(table, torch.cat([s, zero]), directions, side) * lacking
     rest, whole = rest[:-1], rest[-1:]
     handed = single(table, zero, directions, side) - single(table, zero, directions, side, phase)
     # backward scattering can ask for more than there is
-    rest = rest * (1 + handed / (whole + s.new_tensor(1e-20))).clamp_min(0)
+    rest = rest * (1 + handed / (whole + 1e-20)).clamp_min(0)
     return rest if scattering == "multiple" else rest + single(table, s, directions, side, phase)
 
 
-def multiple(
-    table: LayerTable, s: Float[Tensor, " S"], directions: Directions, side: str
-) -> Float[Tensor, "S N"]:
-    """R̂ or T̂ (`side`) of light scattered twice or more, in reduced coefficients, flattened to N."""
+def _multiple(table: LayerTable, s: Tensor, directions: Directions, side: str) -> Tensor:
+    """R̂ or T̂ of light scattered twice or more, in reduced coefficients and before the furnace."""
     if side == "transmittance" and table.bottomless:
         return s.new_zeros(s.shape[0], table.sigma_a[..., 0, :].numel())
     layers = layers_of(table)
-    lights = light_in(layers, directions)
-    return _swept(layers, lights, s, side) * _furnace(table, layers, directions)
+    return _swept(layers, light_in(layers, directions), s, side)
 
 
 def _swept(layers: list[Coefficients], lights: list[list[Light]], s: Tensor, side: str) -> Tensor:
@@ -76,18 +102,16 @@ def _swept(layers: list[Coefficients], lights: list[list[Light]], s: Tensor, sid
     return total
 
 
-def _furnace(table: LayerTable, layers: list[Coefficients], directions: Directions) -> Tensor:
+def _furnace(table: LayerTable, directions: Directions) -> Tensor:
     """What multiple scattering lacks for the same stack without absorption to return all light, (N,)."""
-    white = [replace(layer, sigma_a=layer.sigma_a * 0, sigma_s=layer.sigma) for layer in layers]
-    lights = light_in(white, directions)
-    bare = table.of(
-        [table.sigma_a * 0, table.sigma_a + table.sigma_s * (1 - table.g), table.g * 0, table.thickness]
-    )
+    scattered = table.sigma_a + table.sigma_s * (1 - table.g)
+    fields = [table.sigma_a * 0, scattered.clamp_min(CLEAR), table.g * 0, table.thickness]
+    white = replace(table.of(fields), known_isotropic=True)
     zero = table.sigma_a.new_zeros(1)
     sides = ("reflectance",) if table.bottomless else ("reflectance", "transmittance")
-    have = sum(_swept(white, lights, zero, side)[0] for side in sides)
-    once = sum(single(bare, zero, directions, side)[0] for side in sides)
-    lacking = 1 - sum(ballistic(bare, directions)) - once
+    have = sum(_multiple(white, zero, directions, side)[0] for side in sides)
+    once = sum(single(white, zero, directions, side)[0] for side in sides)
+    lacking = 1 - sum(ballistic(white, directions)) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 
 

@@ -16,10 +16,11 @@ from texsss.media.phase import between_cones
 from texsss.media.stack import LayerTable
 from texsss.numerics.exponentials import relexp
 from texsss.numerics.quadrature import gauss_weighted
-from texsss.profiles.slab import Coefficients, Directions, Light, layers_of, light_in, refracted
+from texsss.profiles.slab import Coefficients, Directions, Light, layers_of, light_in, mirror_of, refracted
 from texsss.types import Float, Tensor
 
 NODES = 4
+_FAR = 40.0  # sideways [1/s], beyond which nothing is left; denormal numbers take ten times longer
 # 1 - ∫_0^x J0 and J0 itself as damped oscillations: within .05 for x ≤ 3, which is where both matter
 _DAMPING, _TURN = 0.35, 0.72
 _SPREAD_FROM = 3.0  # sideways shift [1/s] from which light through a slab is attenuated as in a half-space
@@ -43,7 +44,7 @@ def single(
     layers = layers_of(table) if phase is None else _unreduced(table)
     lights = light_in(layers, directions)
     g = [table.g[..., k, :].reshape(-1) for k in range(len(layers))]
-    if not bool((table.g != 0).any()):
+    if phase is not None and table.isotropic:
         phase = None
     if side == "transmittance":  # the stack seen from below
         layers, g = layers[::-1], g[::-1]
@@ -58,7 +59,7 @@ def single(
             # per solid angle at the far face, so that both are of one pencil of light
             far = far * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
             outside = refracted(mu, layers[0].eta, 1.0)
-            mirror, other = (fresnel.reflectance(outside, layers[k].eta) for k in (0, -1))
+            mirror, other = (mirror_of(outside, layers[k].eta) for k in (0, -1))
             near = (near + other * through * far) / (1 - mirror * other * through**2)
         total = total + weight / 2 * near
     return total
@@ -83,33 +84,34 @@ def _leaving(
     through = s.new_ones(()) if bottom else None
     above = [torch.ones_like(light.down) for light in lights[0]]  # beam down times light up, to s = 0
     depth = torch.zeros_like(layers[0].sigma)  # [mm] sideways
-    wave = None  # cos and sin of the damped oscillation
+    wave = None  # the damped oscillation, and what its slope adds
     for layer, beams, k, cosine, n in zip(layers, lights, g, cosines, drift, strict=True):
         spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
         b, escape = s * n, layer.sigma / cosine
+        b2 = b * b
         start = wave
         if layer.d is not None:
             depth = depth + n * layer.d
-            x = s * depth
+            x = (s * depth).clamp_max(_FAR)
             damped = torch.exp(-_DAMPING * x)
-            wave = damped * torch.cos(_TURN * x), damped * torch.sin(_TURN * x)
+            swing = damped * (torch.sin(_TURN * x) / _TURN)
+            wave = damped * torch.cos(_TURN * x) + _DAMPING * swing, swing
         for i, light in enumerate(beams):
             a = light.sigma + escape
-            root = torch.sqrt(b * b + a * a)
+            root = torch.sqrt(b2 + a * a)
             slope = b / (root + a)
-            here = _beyond(slope, start)
             strength = (
                 spread * _deflection(phase, light.cosine, -cosine, k) * light.source * lights[0][i].down
             )
-            here = strength * above[i] * here
+            here = (strength * above[i]) * _beyond(slope, start)
             if layer.d is not None:
                 above[i] = above[i] * torch.exp(-a * layer.d)
-                here = here - strength * above[i] * _beyond(slope, wave)
+                here = here - (strength * above[i]) * _beyond(slope, wave)
             total = total + here / root
         if bottom:
             assert shift is not None and through is not None and layer.d is not None
             aside = s * shift
-            out = escape + (torch.sqrt(escape**2 + b * b) - escape) * (aside / (aside + _SPREAD_FROM))
+            out = escape + (torch.sqrt(escape**2 + b2) - escape) * (aside / (aside + _SPREAD_FROM))
             passed = torch.exp(-out * layer.d)
             for light in beams:
                 assert light.up is not None and light.beam is not None
@@ -124,7 +126,7 @@ def _beyond(slope: Tensor, wave: tuple[Tensor, Tensor] | None) -> Tensor | float
     """∫ J0(b (Z + z)) e^(-az) dz √(a² + b²) by the oscillation at Z, `slope` = (√(a² + b²) - a) / b."""
     if wave is None:
         return 1.0
-    return wave[0] + (_DAMPING - slope) / _TURN * wave[1]
+    return torch.addcmul(wave[0], slope, wave[1], value=-1)
 
 
 def _deflection(phase: str | None, first: float, second: float, g: Tensor) -> Tensor | float:

@@ -11,16 +11,17 @@ The light enters as e^-σz. All terms are positive and bounded: nothing overflow
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
 from texsss.numerics.exponentials import relexp
-from texsss.types import Tensor
+from texsss.types import Tensor, chunks
 
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
+VALUES = 1800  # rows × channels of a block
 TINY = 1e-24  # keeps the derivative of √ finite where nothing is absorbed and s = 0
 
 Directions = Sequence[tuple[float, float]]
@@ -59,6 +60,16 @@ class Light:
         """The same seen from below."""
         assert self.up is not None
         return replace(self, down=self.up, up=self.down)
+
+
+def in_blocks(table: LayerTable) -> list[LayerTable]:
+    """A table cut into so few rows that what a sweep has in hand stays in cache; other batches as they are.
+
+    That also keeps operations on single threads, which need not wait for each other.
+    """
+    if len(table.batch) != 1:
+        return [table]
+    return [table.rows(part) for part in chunks(table.batch[0], max(VALUES // table.channels, 1))]
 
 
 def layers_of(table: LayerTable) -> list[Coefficients]:
@@ -121,7 +132,13 @@ def _light_from(layers: list[Coefficients], cosine: float, share: float) -> list
 def _mirrors(layers: list[Coefficients], cosine: float) -> tuple[float, float]:
     """Fresnel reflectance of the top and of the bottom for light at `cosine` in the first layer."""
     outside = refracted(cosine, layers[0].eta, 1.0)
-    return fresnel.reflectance(outside, layers[0].eta), fresnel.reflectance(outside, layers[-1].eta)
+    return mirror_of(outside, layers[0].eta), mirror_of(outside, layers[-1].eta)
+
+
+@lru_cache(maxsize=1024)
+def mirror_of(outside: float, eta: float) -> float:
+    """Fresnel reflectance, kept."""
+    return fresnel.reflectance(outside, eta)
 
 
 def ballistic(table: LayerTable, directions: Directions) -> tuple[Tensor, Tensor]:
@@ -172,15 +189,18 @@ class Mode:
 
     def lit(self, lights: list[Light]) -> tuple[Tensor, Tensor]:
         """∫ P and ∫ Q over the layer with the source of all `lights`: what reaches either face."""
-        near, far = 0.0, 0.0
+        near, far = [], []
         for light in lights:
             P, Q = self._integrals(light)
             strength = light.source / light.sigma
-            near, far = near + strength * light.down * P, far + strength * light.down * Q
+            down = strength * light.down
+            near.append(down * P)
+            far.append(down * Q)
             if light.up is not None:
-                near, far = near + strength * light.up * Q, far + strength * light.up * P
-        assert isinstance(near, Tensor) and isinstance(far, Tensor)
-        return near, far
+                up = strength * light.up
+                near.append(up * Q)
+                far.append(up * P)
+        return added(near), added(far)
 
     def _integrals(self, light: Light) -> tuple[Tensor, Tensor]:
         """σ ∫ P e^(-σz) and σ ∫ Q e^(-σz), by parts."""
@@ -192,3 +212,11 @@ class Mode:
         P = 1 - (together + E * against) / self._sinh
         Q = (E * together + against) / self._sinh - beam
         return P, Q
+
+
+def added(terms: list[Tensor]) -> Tensor:
+    """The sum of at least one tensor."""
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total

@@ -18,6 +18,7 @@ from texsss.types import Tensor
 
 # a face feels the extinction at depth z as e^-(3 σ + 8 s) z: of the rates tried, the best on thin tops
 _NEAR_SIGMA, _NEAR_S = 3.0, 8.0
+_FAR = 20.0
 
 Pair = tuple[Tensor, Tensor]
 Matrix = tuple[Tensor, Tensor, Tensor, Tensor]  # row-major 2×2
@@ -192,7 +193,8 @@ def _near_extinction(layers: list[Coefficients], s: Tensor) -> Tensor:
         if layer.d is None:
             share, rest = left, 0.0
         else:
-            rest = left * torch.exp(-(_NEAR_SIGMA * layer.sigma * layer.d + (_NEAR_S * s[:, None]) * layer.d))
+            depth = (_NEAR_SIGMA * layer.sigma + _NEAR_S * s[:, None]) * layer.d
+            rest = left * torch.exp(-depth.clamp_max(_FAR))  # beyond, denormal numbers take ten times longer
             share = left - rest
         weight, near, left = weight + share, near + layer.sigma * share, rest
     return near / weight  # of a thin slab only what is there counts

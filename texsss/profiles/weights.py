@@ -11,7 +11,11 @@ from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
-CHUNK = 1024  # rows solved at once: temporaries stay in cache
+LEVELS = 256  # an 8-bit map keeps its values
+TABLE = 8  # texels per row, from which rows are few enough as they are
+MAPS = 2  # that vary independently, at most, for rounding to make a table of them
+CHUNK = 4096  # rows solved at once
+WORKSPACE = 2**22  # [numbers] set aside before
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,7 @@ def weights_for(
     side: str = "reflectance",
     nodes: int = NODES,
     channels: int = 3,
-    levels: int | None = None,
+    levels: int | None = LEVELS,
     dtype: torch.dtype = torch.float32,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
@@ -66,8 +70,9 @@ def weights_for(
 
     `material`: a stack whose maps are looked up at `points_uv` (P, 2); a uniform one has a single row,
     shared by all of `points_uv` or by `points` texels. `side`: reflectance or transmittance. Equal rows
-    are solved once; `levels` rounds every coefficient that varies to as many steps between its
-    extremes first, so that maps become tables (None: exact; ignored while gradients are asked for).
+    are solved once; where they are many and one or two maps make all that varies, every coefficient is
+    first rounded to `levels` steps between its extremes, so that they become a table (None: exact;
+    ignored while gradients are asked for). Totals move by up to .002, where a layer is thinnest.
     Grey materials are shown in `channels` channels. Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
@@ -85,6 +90,8 @@ def weights_for(
     s, ds = frequencies(variances, nodes)
     matrix = projector(variances, s, ds).to(table.sigma_a)
     s = torch.cat([s, s.new_zeros(1)]).to(table.sigma_a)
+    # glibc hands memory back after every operation until it has seen something large freed: half the time
+    torch.empty(WORKSPACE, device=matrix.device)
     solved = []
     parts = chunks(table.batch[0], CHUNK)
     for part in parts:
@@ -115,15 +122,28 @@ def _distinct(
     varying = flat[:, columns]
     if varying.shape[1] == 0:
         return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
-    if levels is not None:
+    first, row = _unique_rows(varying)
+    if levels is not None and len(first) > count / TABLE and _independent(varying) <= MAPS:
         low, high = varying.aminmax(dim=0)
         step = (high - low) / (levels - 1)
         varying = low + torch.round((varying - low) / step) * step
-    first, row = _unique_rows(varying)
+        first, row = _unique_rows(varying)
     flat = flat[first]
     flat[:, columns] = varying[first]
     fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
     return table.of(fields), row.to(torch.int32)
+
+
+def _independent(varying: Float[Tensor, "P F"]) -> int:
+    """How many columns differ by more than scale and offset, judged by a few hundred rows."""
+    low, high = varying.aminmax(dim=0)
+    some = (varying[:: max(len(varying) // 256, 1)] - low) / (high - low)
+    some = torch.where(some[:1] > 0.5, 1 - some, some)  # a map and its inverse are one
+    count = 0
+    while some.shape[1]:
+        count += 1
+        some = some[:, ((some - some[:, :1]).abs() > 1e-3).any(0)]
+    return count
 
 
 def _unique_rows(rows: Float[Tensor, "P F"]) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]]:
