@@ -1,0 +1,31 @@
+"""Materials that do not suit an object's scale are named, with numbers."""
+
+import pytest
+
+from texsss.media.medium import Medium
+from texsss.media.presets import preset
+from texsss.media.stack import Layer, Stack
+from texsss.profiles.advice import advice
+
+
+def test_skin_on_a_head_needs_no_advice():
+    assert (
+        advice(Stack([Layer(preset("skin2"), 0.5), Layer(preset("skin1"))]), texel_mm=0.4, extent_mm=400.0)
+        == []
+    )
+    assert advice(preset("spectralon"), texel_mm=0.2, extent_mm=100.0) == []  # absorbs nothing: spreads far
+
+
+@pytest.mark.parametrize(
+    ("material", "texel_mm", "extent_mm", "said"),
+    [
+        (preset("skin1"), 400.0, 400000.0, "less than a quarter of a texel"),
+        (preset("skin1"), 0.0004, 0.4, "longer than the object"),
+        (preset("marble"), 0.002, 2.0, "farther than the object"),
+        (Stack([Layer(preset("skin1"), 30.0), Layer(preset("skin2"))]), 0.02, 20.0, "deeper than the object"),
+        (Medium(1000.0, 1000.0), 0.5, 300.0, "less than a quarter of a texel"),
+    ],
+)
+def test_scales_that_do_not_fit_are_named(material, texel_mm, extent_mm, said):
+    sentences = advice(material, texel_mm=texel_mm, extent_mm=extent_mm)
+    assert any(said in sentence and "mm" in sentence for sentence in sentences), sentences
