@@ -99,9 +99,7 @@ def split_pieces(label: Labels, faces: Faces, old: int, new: int) -> list[int]:
     for value in (old, new):
         mine = np.flatnonzero(label == value)
         pairs = face_pairs(faces[mine])
-        graph = coo_matrix(
-            (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(mine),) * 2
-        )
+        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(mine),) * 2)
         count, piece = connected_components(graph, directed=False)
         largest = int(np.argmax(np.bincount(piece)))
         for i in range(count):
@@ -137,9 +135,7 @@ def open_corners(faces: Faces, cuts: set[tuple[int, int]]) -> tuple[Faces, NDArr
     return group.reshape(-1, 3).astype(np.int64), origin
 
 
-def tube_cut(
-    p: Array, normal: Array, faces: Faces, away: Array, tip: Array
-) -> set[tuple[int, int]]:
+def tube_cut(p: Array, normal: Array, faces: Faces, away: Array, tip: Array) -> set[tuple[int, int]]:
     """Edge path from the vertex nearest ``tip`` to the open end, along the side ``away``."""
     used, local = np.unique(faces, return_inverse=True)
     local = local.reshape(-1, 3)

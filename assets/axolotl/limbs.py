@@ -62,9 +62,7 @@ def build_legs(spine: SpineLike) -> tuple[Tubes, Tubes]:
     for arc, side, joints, heading, kind in LEGS:
         origin, tangent, lateral = spine.frame(arc)
         forward, outward = -tangent, lateral * side
-        place = np.array(
-            [[origin[0], h, origin[2]] + outward * o + forward * f for o, h, f in joints]
-        )
+        place = np.array([[origin[0], h, origin[2]] + outward * o + forward * f for o, h, f in joints])
         legs.append((place, np.array(LEG_RADII[kind])))
         palm = place[-1]
         for spread, length in TOES[kind]:

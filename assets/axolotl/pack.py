@@ -67,9 +67,7 @@ def _footprint(uv: Array, faces: Faces, padding: int) -> NDArray[np.bool_]:
     return cells[: rows[-1] + 1, : cols[-1] + 1]
 
 
-def _try(
-    charts: list[tuple[Array, Faces, float]], scale: float, padding: int
-) -> list[Array] | None:
+def _try(charts: list[tuple[Array, Faces, float]], scale: float, padding: int) -> list[Array] | None:
     """Positions in texels of all charts at one scale, or nothing if they do not fit."""
     n = SIZE // CELL
     taken = np.zeros((n, n), dtype=np.float32)

@@ -117,9 +117,7 @@ class Axolotl:
         self.head_axes = yaw @ pitch
         self.eyes = self._place_eyes()
         self.legs, self.toes = build_legs(self.spine)
-        self.stalks, self.filaments, self.filament_stalk = build_gills(
-            self.from_head, self._without_gills
-        )
+        self.stalks, self.filaments, self.filament_stalk = build_gills(self.from_head, self._without_gills)
 
     def to_head(self, p: Array) -> Array:
         """World to head coordinates (x to the animal's left, y up, z forward)."""
