@@ -8,11 +8,13 @@ import torch
 from texsss.errors import DomainError, ShapeError
 from texsss.profiles.weights import Weights
 from texsss.surface.points import TexelMaps
+from texsss.transport.budget import affordable
 from texsss.transport.operators import Operators, surface_operators
 from texsss.transport.uv import diffuse_uv
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 RULES = ("exit", "entry", "geometric-mean")
+BUDGET_BYTES = 6e9  # of memory for operators, unless told otherwise
 CHUNK = 1 << 14  # texels weighted at once: temporaries stay in cache
 TINY = 1e-12  # added under roots, whose slope at 0 is infinite
 
@@ -50,13 +52,17 @@ def diffusion(
     method: str = "uv",
     *,
     operators: Operators | None = None,
+    budget_bytes: float | int = BUDGET_BYTES,
+    notice: Callable[[str], None] | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Diffusion:
     """The function that convolves values at the texels with Gaussians, by name.
 
     `method`: none (every copy is the lightmap), uv, surface. The last builds operators for the variances
-    it is asked for, unless they are those of `operators`. Raises DomainError: for another name.
+    it is asked for, unless they are those of `operators`. Where they would take more than `budget_bytes`,
+    the narrowest Gaussians are left to uv, and `notice` gets a sentence that says so.
+    Raises DomainError: for another name.
     """
     if method == "none":
         return no_diffusion
@@ -67,10 +73,24 @@ def diffusion(
     if method == "surface":
 
         def over_surface(values: Tensor, variances: Tensor) -> Tensor:
-            built = operators
-            if built is None or not torch.equal(built.variances, variances):
-                built = surface_operators(texels, variances, progress=progress, cancel=cancel)
-            return built.applied(values)
+            if operators is not None and torch.equal(operators.variances, variances):
+                return operators.applied(values)
+            fits = affordable(texels, variances, budget_bytes)
+            built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
+            crossing = built.applied(values)
+            if bool(fits.all()):
+                return crossing
+            if notice is not None:
+                notice(
+                    f"diffusion: {int((~fits).sum())} of {len(fits)} Gaussians stop at seams, as operators "
+                    f"for {len(texels):,} texels would not fit into {budget_bytes / 1e9:.1f} GB; choose a "
+                    "smaller atlas."
+                )
+            along_uv = diffuse_uv(values, texels, variances[~fits], progress=progress, cancel=cancel)
+            copies = values.new_empty(len(fits), *values.shape)
+            return copies.index_copy(0, torch.nonzero(fits)[:, 0], crossing).index_copy(
+                0, torch.nonzero(~fits)[:, 0], along_uv
+            )
 
         return over_surface
     raise DomainError(f"diffusion: expected none, uv or surface, got {method!r}; choose one of them.")

@@ -7,103 +7,84 @@ import torch
 
 from texsss.types import Float, Int, Tensor
 
-PAIRS = 1 << 22  # candidate pairs looked at once
+PAIRS = 1 << 19  # candidate pairs looked at once: temporaries stay in the cache
 KEY = 1 << 20  # voxels per axis that one key holds
+MARGIN = 4  # voxels around all points, so that neighbours' keys are plain sums
+CROWDED = 16  # points per voxel from which voxels of half the radius save candidates
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """Points sorted by voxel.
+class Pairs:
+    """Points around the targets of `block`, target by target.
 
-    `order` (P,): the points, voxel by voxel; `keys` (N,): occupied voxels, ascending; `first`, `count`
-    (N,): their places in `order`; `cell` (P,): the voxel of each point.
+    `count` (rows): how many each target has; `row` (M,): target, counted within the block; `column` (M,):
+    point; `squared` (M,): squared distance [mm²].
     """
 
-    order: Int[Tensor, " P"]
-    keys: Int[Tensor, " N"]
-    first: Int[Tensor, " N"]
-    count: Int[Tensor, " N"]
-    cell: Int[Tensor, " P"]
-
-
-def cells(points: Float[Tensor, "P 3"], edge: float, low: Float[Tensor, "3"]) -> Cells:
-    """The points sorted into voxels of `edge` [mm], counted from the corner `low`."""
-    key = _keys(points, low, edge)
-    keys, cell, count = torch.unique(key, return_inverse=True, return_counts=True)
-    order = torch.argsort(cell, stable=True)
-    return Cells(order, keys, count.cumsum(0) - count, count, cell)
+    block: slice
+    count: Int[Tensor, " rows"]
+    row: Int[Tensor, " M"]
+    column: Int[Tensor, " M"]
+    squared: Float[Tensor, " M"]
 
 
 def pairs_within(
     targets: Float[Tensor, "Q 3"], points: Float[Tensor, "P 3"], radius: float
-) -> Iterator[tuple[slice, Int[Tensor, " M"], Int[Tensor, " M"], Float[Tensor, " M"]]]:
-    """Blocks of (targets, row in the block, point, squared distance [mm²]) closer than `radius` [mm].
-
-    Rows ascend within a block and blocks follow each other.
-    """
-    edge = radius / 2
+) -> Iterator[Pairs]:
+    """The points closer than `radius` [mm] to each target, in consecutive blocks of targets."""
     low = torch.minimum(points.amin(0), targets.amin(0))
-    there = cells(points, edge, low)
-    here = there if targets is points else cells(targets, edge, low)
-    step = torch.arange(-2, 3, device=points.device)
-    offset = torch.cartesian_prod(step, step, step)
-    offset = offset[(offset.abs() - 1).clamp_min(0).square().sum(1) < 4]  # voxels that the radius reaches
-    around = _packed(_unpacked(here.keys)[:, None] + offset)  # (N, offsets)
-    found = torch.searchsorted(there.keys, around).clamp_max(len(there.keys) - 1)
-    exists = there.keys[found] == around
-    per_cell = torch.where(exists, there.count[found], 0).sum(1)
-    # neighbour voxels of every target voxel, flat
-    cell_of, which = torch.nonzero(exists, as_tuple=True)
-    neighbour = found[cell_of, which]
-    neighbours = exists.sum(1)
-    neighbour_first = neighbours.cumsum(0) - neighbours
+    steps, edge = 1, radius
+    key = voxel_keys(points, low, edge)
+    if len(points) > CROWDED * len(torch.unique(key)):
+        steps, edge = 2, radius / 2
+        key = voxel_keys(points, low, edge)
+    key, order = torch.sort(key)
+    axes = points[order].T.contiguous()  # rows are gathered faster one by one
+    order = order.to(torch.int32)
+    # voxels of one column along z follow each other in `key`: one range of points per column
+    step = torch.arange(-steps, steps + 1, device=points.device)
+    columns = torch.cartesian_prod(step, step)
+    columns = columns[(columns.abs() - 1).clamp_min(0).square().sum(1) < steps**2]
+    offset = (columns[:, 0] * KEY + columns[:, 1]) * KEY
+    voxels, voxel = torch.unique(voxel_keys(targets, low, edge), return_inverse=True)
+    around = voxels[:, None] + offset
+    first = torch.searchsorted(key, around - steps)
+    length = torch.searchsorted(key, around + steps, right=True) - first
 
-    sorted_points = points[there.order]
-    per_target = per_cell[here.cell]
-    ends = per_target.cumsum(0)
-    begin = 0
-    total = len(targets)
+    candidates = length.sum(1)[voxel]
+    ends = candidates.cumsum(0)
+    begin, total = 0, len(targets)
     while begin < total:
         before = int(ends[begin - 1]) if begin else 0
         end = int(torch.searchsorted(ends, before + PAIRS, right=True))
         end = min(max(end, begin + 1), total)
         block = slice(begin, end)
-        cell = here.cell[block]
-        row, slot = _ranges(neighbours[cell])
-        other = neighbour[neighbour_first[cell][row] + slot]
-        length = there.count[other]
-        base = there.first[other] - (length.cumsum(0) - length)
-        row = torch.repeat_interleave(row, length)
-        place = torch.repeat_interleave(base, length) + torch.arange(len(row), device=row.device)
-        away = sorted_points.index_select(0, place) - targets[block].index_select(0, row)
-        squared = away.square().sum(1)
-        close = torch.nonzero(squared < radius * radius)[:, 0]
-        point = there.order.index_select(0, place.index_select(0, close))
-        yield block, row.index_select(0, close), point, squared.index_select(0, close)
+        here = length[voxel[block]].flatten()
+        base = (first[voxel[block]].flatten() - (here.cumsum(0) - here)).to(torch.int32)
+        place = torch.repeat_interleave(base, here)
+        place += torch.arange(len(place), dtype=torch.int32, device=place.device)
+        row = torch.arange(end - begin, dtype=torch.int32, device=place.device)
+        row = row.repeat_interleave(candidates[block])
+        squared = None
+        for axis, coordinate in zip(axes, targets[block].T.contiguous(), strict=True):
+            away = axis.index_select(0, place).sub_(coordinate.index_select(0, row)).square_()
+            squared = away if squared is None else squared.add_(away)
+        assert squared is not None, "points have three axes"
+        close = torch.nonzero(squared < radius**2)[:, 0]
+        row = row.index_select(0, close)
+        column = order.index_select(0, place.index_select(0, close))
+        count = torch.bincount(row, minlength=end - begin)
+        yield Pairs(block, count, row, column, squared.index_select(0, close))
         begin = end
 
 
-def voxel_clusters(points: Float[Tensor, "P 3"], edge: float) -> tuple[Int[Tensor, " P"], int]:
-    """The voxel of `edge` [mm] that each point lies in, numbered from 0, and how many there are."""
-    sorted_points = cells(points, edge, points.amin(0))
-    return sorted_points.cell, len(sorted_points.keys)
-
-
-def _ranges(lengths: Tensor) -> tuple[Tensor, Tensor]:
-    """For lengths (2, 0, 3): owners (0, 0, 2, 2, 2) and places (0, 1, 0, 1, 2)."""
-    owner = torch.repeat_interleave(torch.arange(len(lengths), device=lengths.device), lengths)
-    first = lengths.cumsum(0) - lengths
-    return owner, torch.arange(len(owner), device=lengths.device) - first[owner]
-
-
-def _keys(points: Tensor, low: Tensor, edge: float) -> Tensor:
-    return _packed(torch.floor((points - low) / edge).long())
-
-
-def _packed(voxel: Tensor) -> Tensor:
-    x, y, z = (voxel + 4).clamp(0, KEY - 1).unbind(-1)
+def voxel_keys(points: Float[Tensor, "P 3"], low: Float[Tensor, "3"], edge: float) -> Int[Tensor, " P"]:
+    """One number per voxel of `edge` [mm], counted from the corner `low`; ascends in x, then y, then z."""
+    voxel = torch.floor((points - low) / edge).long() + MARGIN
+    x, y, z = voxel.clamp(MARGIN, KEY - 1 - MARGIN).unbind(-1)
     return (x * KEY + y) * KEY + z
 
 
-def _unpacked(key: Tensor) -> Tensor:
-    return torch.stack([key // (KEY * KEY), key // KEY % KEY, key % KEY], -1) - 4
+def voxel_of(key: Int[Tensor, " P"]) -> Int[Tensor, "P 3"]:
+    """The place (x, y, z) of the voxels with these keys, from the corner that they were counted from."""
+    return torch.stack([key // (KEY * KEY), key // KEY % KEY, key % KEY], 1) - MARGIN
