@@ -112,5 +112,8 @@ def _methods(request: Request) -> set[str]:
     scope = {**request.scope, "method": "?"}
     routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIRoute)]
     return {
-        method for route in routes if route.matches(scope)[0] is not Match.NONE for method in route.methods
+        method
+        for route in routes
+        if route.matches(scope)[0] is not Match.NONE
+        for method in route.methods or ()
     }

@@ -46,7 +46,8 @@ class Job:
     """Work under way, and what came of it."""
 
     def __init__(self, kind: Literal["render", "bake"], turn: Turn):
-        self.id, self.kind, self.turn = secrets.token_urlsafe(16), kind, turn
+        self.id, self.turn = secrets.token_urlsafe(16), turn
+        self.kind: Literal["render", "bake"] = kind
         self.created, self.finished_at = datetime.now(UTC), float("inf")
         self.answer: Answer | None = None
         self.problem: Problem | None = None

@@ -35,6 +35,7 @@ class Service:
         self.answers = Answers(int(settings.answers_mb * MB))
         self.jobs = Jobs(settings, self.worker)
         self.stopping = False
+        self._warm_turn = Turn(settings.job_timeout_s, patience=BACKGROUND)
         self._warming: asyncio.Task | None = None
 
     def start(self) -> None:
@@ -75,7 +76,6 @@ class Service:
 
     async def _warm(self) -> None:
         """Fills the cache for the default scene, letting every request go first."""
-        self._warm_turn = Turn(self.settings.job_timeout_s, patience=BACKGROUND)
         try:
             await self.worker.run(lambda engine, turn: engine.prepare(Scene(), turn), self._warm_turn)
         except (Problem, TexsssError) as error:
