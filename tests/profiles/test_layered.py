@@ -15,7 +15,7 @@ from texsss.media.medium import Medium
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles import layered_diffusion, layered_sp3
-from texsss.profiles.hankel import SIDES, hankel_profiles
+from texsss.profiles.hankel import SIDES, flat_profile, hankel_profiles
 from texsss.profiles.incidence import incidence_directions, mean_direction
 
 S = torch.tensor([0.0, 0.05, 0.3, 1.0, 4.0, 20.0], dtype=torch.float64)
@@ -160,7 +160,8 @@ def test_profiles_are_differentiable(model, bottomless):
     def profiles(sigma_a, sigma_s, g, thickness):
         depth = torch.cat([thickness, fields[3][:, 1:]], 1) if bottomless else thickness
         rows = table.of([sigma_a, sigma_s, g, depth])
-        return hankel_profiles(rows, S[1:4], model=model, incidence="normal")
+        side = "reflectance" if bottomless else "transmittance"
+        return flat_profile(rows, S[2:4], side=side, model=model, incidence="normal")
 
     inputs = [fields[0] + 0.1, fields[1], fields[2] + 0.2, fields[3][:, finite]]
     given = [x.detach().clone().requires_grad_() for x in inputs]

@@ -16,7 +16,8 @@ from texsss.profiles.slab import TINY, Coefficients, Light, Mode
 from texsss.profiles.two_modes import TwoModes
 from texsss.types import Tensor
 
-# a face feels the extinction at depth z as e^-(3 σ + 8 s) z: of the rates tried, the best on thin tops
+# A face feels the extinction at depth z as e^-(3 σ + 8 s) z, so that a layer that vanishes is not felt.
+# The rates hardly matter: on layered stacks the radial error is .065 with all that were tried, worst .10.
 _NEAR_SIGMA, _NEAR_S = 3.0, 8.0
 _FAR = 20.0
 
@@ -183,7 +184,7 @@ def _uncoupled(layers, lights, s2, mu: float, b: Tensor, out: Tensor, lowest: Te
 def _near_extinction(layers: list[Coefficients], s: Tensor) -> Tensor:
     """Extinction that light has near the face of the first of `layers` [1/mm], (S, N) or (N,).
 
-    The mean over the first mean free path, so that a layer that vanishes takes its influence with it.
+    A mean that weighs what is near.
     """
     sigma = layers[0].sigma
     if len(layers) == 1:
