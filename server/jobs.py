@@ -89,9 +89,10 @@ class Job:
     async def follow(self) -> AsyncIterator[JobView]:
         """Its view now and after every change, until it is finished or the service stops."""
         while True:
-            changed = self._changed
+            # all of it before the client reads on: what changes meanwhile is the next view
+            changed, last = self._changed, self.finished or self.turn.reason == "stopping"
             yield self.view()
-            if self.finished or self.turn.reason == "stopping":
+            if last:
                 return
             await changed.wait()
 

@@ -38,7 +38,8 @@ async def events(job: TheJob) -> AsyncIterable[ServerSentEvent]:
     The stream ends early with `stopping` when the service stops.
     """
     async for view in job.follow():
-        name = view.state if job.finished else "stopping" if job.turn.reason == "stopping" else "progress"
+        stopping = "stopping" if job.turn.reason == "stopping" else "progress"
+        name = stopping if view.state in ("queued", "running") else view.state
         yield ServerSentEvent(event=name, data=view.model_dump(mode="json"))
 
 
