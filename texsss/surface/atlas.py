@@ -82,7 +82,7 @@ def make_atlas(
 
     `auto`: the author's coordinates if they lie in the square, at most 0.1 % of the surface overlaps or is
     flat (mirrored charts serve), and at most 1 % lies in charts smaller than a texel; else `xatlas`, in a
-    process of its own for at most `timeout_s` [s] (None: three times what is usual for so many faces),
+    process of its own for at most `timeout_s` [s] (None: thrice what is usual for so many faces),
     charts at least `padding_texels` apart at `size` (H, W)
     [texels]; and should that fail, or be bound to take longer, the `fallback`: projections along the axes,
     which always end. `source` insists on the author's.
