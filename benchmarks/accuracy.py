@@ -184,7 +184,8 @@ Errors in percent.
 
 ## White furnace
 
-Worst R̂(0) + T̂(0) + ballistic light (none with multipole and grid) - 1, in percent, of slabs that absorb nothing: .05, .3, 1 and 8 reduced
+Worst R̂(0) + T̂(0) + ballistic light (none with multipole and grid) - 1, in percent, of slabs that
+absorb nothing: .05, .3, 1 and 8 reduced
 mean free paths, eta 1, 1.2, 1.4 and 1.5.
 
 {furnace_table(found)}
