@@ -38,7 +38,7 @@ def test_a_lit_texel_spreads_to_the_gaussian_in_mm_whatever_the_shear():
     squared = (position - position[spot]).square().sum(-1)
     for variance, copy in zip(variances.tolist(), blurred, strict=True):
         expected = gaussian(variance, squared)
-        # measured with the spot at three places: up to 6.6 %, 4.4 % and 1.4 %, by where it lies in its cluster
+        # measured at three places of the spot: up to 6.6 %, 4.4 % and 1.4 %
         assert (copy - expected).norm() < 0.08 * expected.norm()
 
 
