@@ -164,7 +164,7 @@ def test_profile_draws_and_lists(texsss, tmp_path):
 def test_inspect_tells_what_to_do(texsss, cube):
     done = texsss("inspect", cube, "--unit-mm", 1000, "--size", 64)
     assert done.returncode == 0, done.stderr
-    assert "radius_texels" in done.stdout and "raise atlas.size" in done.stdout
+    assert "radius_texels" in done.stdout and "raise the size" in done.stdout
 
 
 def test_malformed_scene_names_the_field(texsss, tmp_path):

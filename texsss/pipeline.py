@@ -22,6 +22,7 @@ from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import sites_at
 from texsss.light.visibility import Occluder
 from texsss.look import bumped, map_names, painted, scattered_once, shader, share_of
+from texsss.profiles.advice import advice
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
 from texsss.report import describe
@@ -37,6 +38,8 @@ from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import picture
 from texsss.view.tonemap import tonemap
+
+ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
 class Run(Stages):
@@ -184,6 +187,15 @@ class Run(Stages):
         """Whether profiles are scaled to total 1, since an albedo map says how much comes back."""
         asked = self.scene.material.surface.normalise
         return self.scene.material.surface.albedo is not None if asked is None else asked
+
+    @property
+    def advice(self) -> list[str]:
+        """What to know of the mesh, the atlas and the material on this object, in sentences."""
+        (mesh, notes), texels, stack = self.mesh.value, self.texels.value, self.stack.value
+        some = texels.points[:: max(len(texels) // ADVISED, 1)]
+        material = stack.at(some.uv(self.source_uv)) if stack.varies else stack
+        said = advice(material, texel_mm=texels.texel_mm, extent_mm=float(mesh.extent.max()))
+        return [*said, *notes.messages, *self.atlas.value.report.messages]
 
     # light
 
@@ -336,10 +348,8 @@ class Run(Stages):
             return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)
 
         def report() -> dict:
-            (_, notes), atlas, texels = self.mesh.value, self.atlas.value, self.texels.value
-            weights, entered = self.weights("total").value, self.irradiance.value
-            return describe(
-                scene, self.seconds, notes.messages, atlas, texels, weights, entered, self.exitance
-            )
+            atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
+            energies = self.irradiance.value, self.exitance
+            return describe(scene, self.seconds, self.advice, atlas, texels, weights, *energies)
 
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)

@@ -55,7 +55,7 @@ def describe(
             "entered_w": (area * irradiance).sum(0).tolist(),
             "left_w": (area * exitance).sum(0).tolist(),
         },
-        "notes": [*notes, *atlas.report.messages],
+        "notes": list(notes),
         "scene": scene.model_dump(mode="json"),
     }
 
