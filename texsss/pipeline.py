@@ -15,106 +15,35 @@ from typing import Literal
 import torch
 
 from texsss import placing, resolve
-from texsss.cache import Kept, StageCache, content_key
-from texsss.errors import DomainError, ShapeError
+from texsss.cache import Kept, content_key
+from texsss.ground import Ground
 from texsss.light.emitters import Light
 from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import sites_at
-from texsss.light.visibility import Occluder
 from texsss.look import bumped, map_names, painted, scattered_once, shader, share_of
 from texsss.profiles.advice import advice
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
 from texsss.report import describe
 from texsss.result import Baked
-from texsss.scene import Scene
-from texsss.stages import Stages
-from texsss.surface.atlas import make_atlas
-from texsss.surface.raster import rasterise
-from texsss.transport.bank import build_bank, diffusion, exitance
+from texsss.transport.bank import Bank, Diffusion, diffusion, exitance, narrow_stop
+from texsss.transport.budget import affordable
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
-from texsss.types import Cancel, Float, Progress, Tensor
+from texsss.transport.operators import surface_operators
+from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import picture
 from texsss.view.tonemap import tonemap
 
+BUDGET_BYTES = 6e9  # for the operators of surface diffusion
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
-class Run(Stages):
+class Run(Ground):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
-    def __init__(
-        self,
-        cache: StageCache,
-        scene: Scene,
-        progress: Progress | None = None,
-        cancel: Cancel | None = None,
-        assets: resolve.Assets | None = None,
-    ):
-        super().__init__(cache, scene, progress, cancel)
-        self.assets = assets
-
-    # surface
-
-    @cached_property
-    def mesh(self) -> Kept:
-        """(Mesh [mm], notes)"""
-        spec, content = self.scene.mesh, resolve.digest(self.scene.mesh.source, self.assets)
-        return self.stage(
-            "mesh", lambda: resolve.load_mesh(spec, self.assets), content, spec.unit_mm, spec.up, spec.v
-        )
-
-    @cached_property
-    def occluder(self) -> Kept:
-        mesh, _ = self.mesh.value
-        return self.stage("occluder", lambda: Occluder(mesh), self.mesh)
-
-    @cached_property
-    def atlas(self) -> Kept:
-        (mesh, _), spec = self.mesh.value, self.scene.atlas
-
-        def make():
-            return make_atlas(
-                mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks("atlas")
-            )
-
-        return self.stage("atlas", make, self.mesh, spec)
-
-    @cached_property
-    def texels(self) -> Kept:
-        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
-
-        def make():
-            texels = rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels"))
-            if not texels.texel_mm > 0:
-                raise DomainError(
-                    f"Atlas: no texel of {size} × {size} lies on {mesh.name}, whose "
-                    f"{atlas.report.charts:,} charts are smaller than one; raise atlas.size (--size)."
-                )
-            return texels
-
-        return self.stage("texels", make, self.atlas, size)
-
     # matter
-
-    def image(self, name: str) -> Kept:
-        """A map by its name in the scene."""
-        spec = self.scene.maps[name]
-        depends = resolve.digest(spec.source, self.assets), spec.space, spec.channel
-        return self.stage("maps", lambda: resolve.load_map(spec, self.assets), *depends)
-
-    @cached_property
-    def source_uv(self) -> Float[Tensor, "F 3 2"]:
-        """The author's texture coordinates. Raises ShapeError: when the mesh has none."""
-        mesh, _ = self.mesh.value
-        if mesh.source_uv is None:
-            raise ShapeError(
-                f"Maps: {mesh.name} has no texture coordinates to lay maps on; "
-                "unwrap it in the program that painted them, or leave the maps out."
-            )
-        return mesh.source_uv
 
     @cached_property
     def surface_maps(self) -> dict[str, Kept]:
@@ -195,6 +124,9 @@ class Run(Stages):
         some = texels.points[:: max(len(texels) // ADVISED, 1)]
         material = stack.at(some.uv(self.source_uv)) if stack.varies else stack
         said = advice(material, texel_mm=texels.texel_mm, extent_mm=float(mesh.extent.max()))
+        if self.operators is not None and len(self.operators.value.variances) < len(self.variances):
+            stopped = len(self.variances) - len(self.operators.value.variances)
+            said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
         return [*said, *notes.messages, *self.atlas.value.report.messages]
 
     # light
@@ -241,26 +173,44 @@ class Run(Stages):
         return self.stage("light", make, sites, self.lights_key, eta, seed)
 
     @cached_property
+    def operators(self) -> Kept | None:
+        """What carries light over the surface and its seams; None for methods that work in uv."""
+        if self.scene.methods.diffusion != "surface":
+            return None
+        texels, variances = self.texels.value, self.variances
+
+        def make():
+            fits = affordable(texels, variances, BUDGET_BYTES)
+            return surface_operators(texels, variances[fits], **self.hooks("operators"))
+
+        return self.stage("operators", make, self.texels, variances)
+
+    def blur(self, stage: str) -> Diffusion:
+        """The scene's diffusion of values at the texels."""
+        built = None if self.operators is None else self.operators.value
+        method = self.scene.methods.diffusion
+        return diffusion(self.texels.value, method, operators=built, **self.hooks(stage))
+
+    @cached_property
     def bank(self) -> Kept:
         """One blurred copy of the light per variance, the albedo in it as its mode says."""
-        texels, light, share = self.texels.value, self.irradiance, self.albedo_share("pre")
-        methods = self.scene.methods
+        light, share, blur = self.irradiance, self.albedo_share("pre"), self.blur("bank")
 
         def make():
             entered = light.value if share is None else light.value * share.value
-            return build_bank(entered, texels, self.variances, method=methods.diffusion, **self.hooks("bank"))
+            return Bank(self.variances, entered, blur(entered, self.variances))
 
-        return self.stage("bank", make, light, share, self.variances, methods.diffusion)
+        return self.stage("bank", make, light, share, self.variances, self.scene.methods.diffusion)
 
     def diffused(self, scattering: str) -> Kept:
         """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
-        bank, weights, methods = self.bank, self.weights(scattering), self.scene.methods
+        bank, weights, rule = self.bank, self.weights(scattering), self.scene.methods.rule
+        blur = self.blur("exitance")
 
         def make():
-            blur = diffusion(self.texels.value, methods.diffusion, **self.hooks("exitance"))
-            return exitance(bank.value, weights.value, methods.rule, blur=blur, cancel=self.cancel)
+            return exitance(bank.value, weights.value, rule, blur=blur, cancel=self.cancel)
 
-        return self.stage("exitance", make, bank, weights, methods.rule)
+        return self.stage("exitance", make, bank, weights, rule)
 
     def albedo_share(self, side: Literal["pre", "post"]) -> Kept | None:
         """The part of the albedo that applies before or after diffusion at the texels."""

@@ -43,6 +43,8 @@ DEFAULT_OBJECT: dict[str, Any] = {
     "material": {"layers": [{"medium": "skin1"}], "surface": {"albedo": "albedo", "roughness": 0.35}},
     "lights": [{"type": "studio", "intensity": 1.3}],
     "camera": {"direction": [0.62, 0.36, 0.7], "fov_y_deg": 18.0, "resolution": [1120, 630]},
+    "atlas": {"size": 512},
+    "methods": {"diffusion": "surface"},
     "output": {"tonemap": "aces"},
 }
 """What stands in where a scene names no mesh."""
@@ -51,8 +53,8 @@ DEFAULT_OBJECT: dict[str, Any] = {
 class Scene(Model):
     """Everything a bake depends on, as plain values. `Scene()` is the default scene.
 
-    A scene without a mesh takes our own, and with it those of its maps, material, lights,
-    camera and output that the scene does not state.
+    A scene without a mesh takes our own, and with it those of its maps, atlas, material,
+    lights, camera, methods and output that the scene does not state.
     """
 
     version: Literal[1] = SCHEMA_VERSION

@@ -18,6 +18,7 @@ STAGE_VERSIONS = {
     "albedo": 1,
     "sites": 1,
     "light": 1,
+    "operators": 1,
     "bank": 1,
     "weights": 1,
     "exitance": 1,
@@ -57,7 +58,7 @@ class Stages:
 
 
 AVAILABLE = {
-    "diffusion": ("none", "uv"),
+    "diffusion": ("none", "uv", "surface"),
     "transmission": (False,),
 }
 """Methods that work; the schema names more, so that scenes keep when they come."""

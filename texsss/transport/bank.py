@@ -59,9 +59,9 @@ def diffusion(
 ) -> Diffusion:
     """The function that convolves values at the texels with Gaussians, by name.
 
-    `method`: none (every copy is the lightmap), uv, surface. The last builds operators for the variances
-    it is asked for, unless they are those of `operators`. Where they would take more than `budget_bytes`,
-    the narrowest Gaussians are left to uv, and `notice` gets a sentence that says so.
+    `method`: none (every copy is the lightmap), uv, surface. The last applies `operators`, or builds those
+    it is asked for, as many as `budget_bytes` allow; Gaussians without one are left to uv, and `notice`
+    gets a sentence that says so.
     Raises DomainError: for another name.
     """
     if method == "none":
@@ -73,27 +73,32 @@ def diffusion(
     if method == "surface":
 
         def over_surface(values: Tensor, variances: Tensor) -> Tensor:
-            if operators is not None and torch.equal(operators.variances, variances):
-                return operators.applied(values)
-            fits = affordable(texels, variances, budget_bytes)
-            built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
-            crossing = built.applied(values)
-            if bool(fits.all()):
-                return crossing
+            built = operators
+            if built is None:
+                fits = affordable(texels, variances, budget_bytes)
+                built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
+            known = (variances[:, None] == built.variances.to(variances)).to(torch.uint8)
+            crosses, place = known.amax(1).bool(), known.argmax(1)
+            copies = built.applied(values)[place[crosses]]
+            if bool(crosses.all()):
+                return copies
             if notice is not None:
-                notice(
-                    f"diffusion: {int((~fits).sum())} of {len(fits)} Gaussians stop at seams, as operators "
-                    f"for {len(texels):,} texels would not fit into {budget_bytes / 1e9:.1f} GB; choose a "
-                    "smaller atlas."
-                )
-            along_uv = diffuse_uv(values, texels, variances[~fits], progress=progress, cancel=cancel)
-            copies = values.new_empty(len(fits), *values.shape)
-            return copies.index_copy(0, torch.nonzero(fits)[:, 0], crossing).index_copy(
-                0, torch.nonzero(~fits)[:, 0], along_uv
-            )
+                notice(narrow_stop(int((~crosses).sum()), len(variances), budget_bytes))
+            along_uv = diffuse_uv(values, texels, variances[~crosses], progress=progress, cancel=cancel)
+            both = torch.cat([copies, along_uv])
+            order = torch.cat([crosses.nonzero()[:, 0], (~crosses).nonzero()[:, 0]])
+            return both[torch.argsort(order)]
 
         return over_surface
     raise DomainError(f"diffusion: expected none, uv or surface, got {method!r}; choose one of them.")
+
+
+def narrow_stop(stopped: int, count: int, budget_bytes: float) -> str:
+    """The sentence for Gaussians that were left to uv."""
+    return (
+        f"{stopped} of {count} Gaussians stop at seams, as operators for all would not fit into "
+        f"{budget_bytes / 1e9:.1f} GB; choose a smaller atlas."
+    )
 
 
 def build_bank(

@@ -1,0 +1,88 @@
+"""The first stages: the mesh, its atlas and texels, and the maps that lie on it."""
+
+from functools import cached_property
+
+from texsss import resolve
+from texsss.cache import Kept, StageCache
+from texsss.errors import DomainError, ShapeError
+from texsss.light.visibility import Occluder
+from texsss.scene import Scene
+from texsss.stages import Stages
+from texsss.surface.atlas import make_atlas
+from texsss.surface.raster import rasterise
+from texsss.types import Cancel, Float, Progress, Tensor
+
+
+class Ground(Stages):
+    """What light and matter lie on; each property is a stage, made when first asked for."""
+
+    def __init__(
+        self,
+        cache: StageCache,
+        scene: Scene,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
+        assets: resolve.Assets | None = None,
+    ):
+        super().__init__(cache, scene, progress, cancel)
+        self.assets = assets
+
+    # surface
+
+    @cached_property
+    def mesh(self) -> Kept:
+        """(Mesh [mm], notes)"""
+        spec, content = self.scene.mesh, resolve.digest(self.scene.mesh.source, self.assets)
+        return self.stage(
+            "mesh", lambda: resolve.load_mesh(spec, self.assets), content, spec.unit_mm, spec.up, spec.v
+        )
+
+    @cached_property
+    def occluder(self) -> Kept:
+        mesh, _ = self.mesh.value
+        return self.stage("occluder", lambda: Occluder(mesh), self.mesh)
+
+    @cached_property
+    def atlas(self) -> Kept:
+        (mesh, _), spec = self.mesh.value, self.scene.atlas
+
+        def make():
+            return make_atlas(
+                mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks("atlas")
+            )
+
+        return self.stage("atlas", make, self.mesh, spec)
+
+    @cached_property
+    def texels(self) -> Kept:
+        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
+
+        def make():
+            texels = rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels"))
+            if not texels.texel_mm > 0:
+                raise DomainError(
+                    f"Atlas: no texel of {size} × {size} lies on {mesh.name}, whose "
+                    f"{atlas.report.charts:,} charts are smaller than one; raise atlas.size (--size)."
+                )
+            return texels
+
+        return self.stage("texels", make, self.atlas, size)
+
+    # maps
+
+    def image(self, name: str) -> Kept:
+        """A map by its name in the scene."""
+        spec = self.scene.maps[name]
+        depends = resolve.digest(spec.source, self.assets), spec.space, spec.channel
+        return self.stage("maps", lambda: resolve.load_map(spec, self.assets), *depends)
+
+    @cached_property
+    def source_uv(self) -> Float[Tensor, "F 3 2"]:
+        """The author's texture coordinates. Raises ShapeError: when the mesh has none."""
+        mesh, _ = self.mesh.value
+        if mesh.source_uv is None:
+            raise ShapeError(
+                f"Maps: {mesh.name} has no texture coordinates to lay maps on; "
+                "unwrap it in the program that painted them, or leave the maps out."
+            )
+        return mesh.source_uv
