@@ -56,7 +56,8 @@ def main() -> None:
     print("\nat 1024², on a baked scene (× faster than baking anew)")
     edits = {
         "the same again": scene(1024, mesh, albedo),
-        "another material": scene(1024, mesh, albedo, material="marble"),
+        "another skin": scene(1024, mesh, albedo, material="skin2"),  # of the same refractive index
+        "marble": scene(1024, mesh, albedo, material="marble"),  # of another: less light enters
         "a light moved": scene(1024, mesh, albedo, x_mm=200),
     }
     for name, edited in edits.items():

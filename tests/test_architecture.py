@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "curve": ROOMS | {"pipeline", "resolve"},
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {
-        *("types", "scene", "cache", "resolve", "result", "pipeline", "view"),
+        *("errors", "types", "scene", "cache", "resolve", "result", "pipeline", "view"),
         *("curve", "inspection", "intermediates"),
     },
     "plot": set(),

@@ -115,6 +115,8 @@ BAD = {
     "unknown tonemap": (TRIANGLE, ["--tonemap", "x"], "agx"),
     "not there yet": (TRIANGLE, ["--diffusion", "octree"], "octree"),
     "missing albedo": (TRIANGLE, ["--albedo", "none.png"], "none.png"),
+    "looks like markup": (TRIANGLE, ["--albedo", "[/].png"], "[/].png"),
+    "name too long": (TRIANGLE, ["--albedo", "a" * 300 + ".png"], "cannot be read"),
     "unwritable out": (TRIANGLE, ["--out", "mesh.obj/out"], "--out"),
 }
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from texsss.cache import StageCache
 from texsss.curve import curve
+from texsss.errors import DomainError
 from texsss.inspection import inspect
 from texsss.intermediates import intermediate
 from texsss.pipeline import Run
@@ -64,6 +65,11 @@ class Baker:
         return inspect(self._run(scene, progress, cancel), picture)
 
     def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
+        if not isinstance(scene, Scene):
+            raise DomainError(
+                f"Baker: expected a Scene, got a {type(scene).__name__}; "
+                "make one by Scene.load(path) or Scene.parse(data)."
+            )
         return Run(self.cache, scene, progress, cancel, self.assets)
 
 

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from texsss.errors import AssetError, TexsssError
 from texsss.options import takes_scene
@@ -50,7 +51,7 @@ def bake(
     with shown_progress() as progress:
         baked = Baker().bake(scene, progress=progress)
         for note in baked.report["notes"]:
-            console.print(f"[yellow]note[/] {note}", highlight=False, soft_wrap=True)
+            say("note", "yellow", note)
         written = baked.save(out, progress=progress)
     for path in written.values():
         print(path)
@@ -144,6 +145,11 @@ def scene_init() -> None:
     print(Scene().to_json(), end="")
 
 
+def say(kind: str, colour: str, sentence: str) -> None:
+    """A sentence to the user, word for word: file names may look like markup."""
+    console.print(Text.assemble((kind, colour), " ", sentence), soft_wrap=True)
+
+
 def show_table(title: str, rows: dict) -> None:
     """Names and values on standard output."""
     table = Table(title=title, show_header=False, title_justify="left")
@@ -165,7 +171,12 @@ def shown(value: object) -> str:
 
 def writable(folder: Path) -> None:
     """Raises AssetError: when files can't be made in `folder`, before any work is done."""
-    existing = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    try:
+        existing = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    except OSError as error:
+        raise AssetError(
+            f"Output: {folder} cannot be written ({error.strerror}); choose another with --out."
+        ) from None
     if not existing.is_dir():
         raise AssetError(f"Output: expected a folder, got the file {existing}; choose another with --out.")
     if not os.access(existing, os.W_OK):
@@ -199,7 +210,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         app(args=arguments)
     except TexsssError as error:
-        console.print(f"[red]error[/] {error}", highlight=False, markup=True, soft_wrap=True)
+        say("error", "red", str(error))
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         console.print("stopped; nothing was written")

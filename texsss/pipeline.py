@@ -194,9 +194,10 @@ class Run(Ground):
     @cached_property
     def bank(self) -> Kept:
         """One blurred copy of the light per variance, the albedo in it as its mode says."""
-        light, share, blur = self.irradiance, self.albedo_share("pre"), self.blur("bank")
+        light, share = self.irradiance, self.albedo_share("pre")
 
         def make():
+            blur = self.blur("bank")
             entered = light.value if share is None else light.value * share.value
             return Bank(self.variances, entered, blur(entered, self.variances))
 
@@ -205,9 +206,9 @@ class Run(Ground):
     def diffused(self, scattering: str) -> Kept:
         """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
         bank, weights, rule = self.bank, self.weights(scattering), self.scene.methods.rule
-        blur = self.blur("exitance")
 
         def make():
+            blur = None if rule == "exit" else self.blur("exitance")
             return exitance(bank.value, weights.value, rule, blur=blur, cancel=self.cancel)
 
         return self.stage("exitance", make, bank, weights, rule)

@@ -63,7 +63,7 @@ def studio(mesh: Mesh, intensity: float = 1.0) -> list[Light]:
     """Key, rim and fill around a mesh, at distances that scale with it.
 
     The key gives π W/m² at the centre when it faces it, so that a white diffuse surface shows 1;
-    the rim from behind is as strong, and shines through what is thin; the fill is dim and cool.
+    the rim from behind is half as strong; the fill, from below on the other side, is dim and cool.
     """
     centre = (mesh.vertices.amax(0) + mesh.vertices.amin(0)).detach() / 2
     distance = 2.0 * mesh.diagonal_mm
@@ -76,8 +76,8 @@ def studio(mesh: Mesh, intensity: float = 1.0) -> list[Light]:
 
     return [
         lamp([0.75, 0.6, 0.9], [1.0, 0.96, 0.9], 1.0),
-        lamp([-0.8, 0.5, -0.9], [0.9, 0.95, 1.0], 1.0),
-        lamp([-0.8, 0.1, 1.0], [0.85, 0.93, 1.0], 0.12),
+        lamp([-0.8, 0.5, -0.9], [0.9, 0.95, 1.0], 0.5),
+        lamp([-0.8, -0.3, 1.0], [0.85, 0.93, 1.0], 0.15),
     ]
 
 

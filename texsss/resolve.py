@@ -48,11 +48,20 @@ def locate(source: Source, assets: Assets | None = None) -> Path:
             )
         return Path(str(files("texsss_assets").joinpath(source.builtin)))
     path = Path(source.path or "")
-    if not path.exists():
-        raise AssetError(f"Source: expected a file, found none at {path}; check the path.")
-    if not path.is_file():
-        raise AssetError(f"Source: expected a file, got a folder at {path}; name a file in it.")
+    try:
+        if not path.exists():
+            raise AssetError(f"Source: expected a file, found none at {path}; check the path.")
+        if not path.is_file():
+            what = "a folder" if path.is_dir() else "something else"
+            raise AssetError(f"Source: expected a file, got {what} at {path}; name a file.")
+    except OSError as error:
+        raise unreadable(path, error) from None
     return path
+
+
+def unreadable(path: Path, error: OSError) -> AssetError:
+    """The one sentence for a file that the system will not give."""
+    return AssetError(f"Source: {path} cannot be read ({error.strerror or error}); check the path.")
 
 
 def builtins() -> list[str]:
@@ -66,12 +75,15 @@ def builtins() -> list[str]:
 def digest(source: Source, assets: Assets | None = None) -> str:
     """A name for the content of a source's file."""
     path = locate(source, assets)
-    status = path.stat()
-    return _file_digest(str(path), status.st_mtime_ns, status.st_size)
+    try:
+        status = path.stat()
+        return _file_digest(str(path), status.st_mtime_ns, status.st_ctime_ns, status.st_size)
+    except OSError as error:
+        raise unreadable(path, error) from None
 
 
 @lru_cache(maxsize=256)
-def _file_digest(path: str, modified_ns: int, size: int) -> str:
+def _file_digest(path: str, modified_ns: int, changed_ns: int, size: int) -> str:
     return blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
 
 

@@ -96,7 +96,7 @@ class Baked:
     def save(self, folder: str | Path, *, progress: Progress | None = None) -> dict[str, Path]:
         """Writes the six files of a bake into `folder`, all or none; gives their paths by name.
 
-        radiance.png and preview.png are display-encoded; the EXRs are linear half floats; model.glb
+        radiance.png and preview.png are display-encoded; the EXRs are linear; model.glb
         carries the baked texture unlit, in metres. Raises AssetError: when the folder can't be written.
         """
         folder, tell = Path(folder), progress or (lambda stage, fraction: None)
@@ -134,7 +134,14 @@ class staging:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
         try:
             if kind is None:
-                for file in sorted(self.temporary.iterdir()):
+                files = sorted(self.temporary.iterdir())
+                for file in files:
+                    if (self.folder / file.name).is_dir():
+                        raise AssetError(
+                            f"Output: expected a file or nothing, got a folder at {self.folder / file.name}; "
+                            "choose another with --out."
+                        )
+                for file in files:
                     os.replace(file, self.folder / file.name)
         except OSError as failure:
             raise unwritable(self.folder, failure) from None

@@ -176,11 +176,16 @@ def _filled(value: Any, default: Any) -> Any:
     return {**default, **stated}
 
 
+FILE_FIELDS = ("path", "source", "mesh")  # a mesh or source may be its file's path alone
+
+
 def _anchored(value: Any, folder: Path) -> Any:
-    """`value` with every relative `path` of a source made relative to `folder`."""
+    """`value` with every relative path of a source made relative to `folder`."""
     if isinstance(value, dict):
         return {
-            key: str(folder / item) if key == "path" and isinstance(item, str) else _anchored(item, folder)
+            key: str(folder / item)
+            if key in FILE_FIELDS and isinstance(item, str)
+            else _anchored(item, folder)
             for key, item in value.items()
         }
     return [_anchored(item, folder) for item in value] if isinstance(value, list) else value

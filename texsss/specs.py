@@ -107,6 +107,10 @@ class MediumSpec(Model):
         given = [value is not None for value in (self.sigma_a_per_mm, self.sigma_s_per_mm)]
         if any(given) if self.preset is not None else not all(given):
             raise ValueError("expected either preset, or both sigma_a_per_mm and sigma_s_per_mm")
+        if self.preset is not None and (self.g, self.eta) != (0.0, 1.3):
+            raise ValueError(
+                "expected a preset alone, got g or eta beside it; give coefficients to change them"
+            )
         return self
 
 
@@ -249,6 +253,13 @@ class CameraSpec(Model):
         600,
     )
     samples: Annotated[Count, Field(ge=1, le=64)] = 9
+
+    @model_validator(mode="before")
+    @classmethod
+    def _place_given(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("position_mm") and data.get("target_mm"):
+            return {"fit": False, **data}
+        return data
 
     @model_validator(mode="after")
     def _placed(self) -> "CameraSpec":

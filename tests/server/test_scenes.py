@@ -122,7 +122,7 @@ def test_inspect_gives_advice(client, small):
     assert found["scale"]["texel_mm"] > 0
     coarse = small | {"mesh": small["mesh"] | {"unit_mm": 100.0}}
     advice = client.post("/v1/inspect", json=coarse).json()["advice"]
-    assert any("mesh.unit_mm" in sentence for sentence in advice)
+    assert any("unit of the mesh" in sentence for sentence in advice)
 
 
 def test_catalogue(client):

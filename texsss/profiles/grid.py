@@ -46,6 +46,7 @@ def grid_gaussians(
     for k in reversed(kept):
         slab = _layer(table, kept, k, pairs)
         whole = slab if whole is None else _over(slab, whole)
+    assert whole is not None, "a stack has layers"
     variances = STEP * torch.arange(1, CAP + 1).to(whole[0])
     results = [GaussianSum(variances, side) for side in (whole[0], whole[1])]
     if sparse:
@@ -121,7 +122,8 @@ def _layer(table: LayerTable, kept: list[int], k: int, pairs: int) -> tuple[Tens
         return R, torch.zeros_like(R), torch.zeros_like(R), torch.zeros_like(R)
     plus, minus = poles_of(l, d, z_b0, z_bd, pairs), poles_of(l, d, z_bd, z_b0, pairs)
     sides = (plus.reflected, plus.transmitted, minus.reflected, minus.transmitted)
-    return tuple(_on_grid(side, sigma_s * l, sigma_tr) for side in sides)
+    R_plus, T_plus, R_minus, T_minus = (_on_grid(side, sigma_s * l, sigma_tr) for side in sides)
+    return R_plus, T_plus, R_minus, T_minus
 
 
 def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor) -> Tensor:

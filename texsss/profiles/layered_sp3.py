@@ -109,8 +109,8 @@ def _furnace(table: LayerTable, directions: Directions) -> Tensor:
     white = replace(table.of(fields), known_isotropic=True)
     zero = table.sigma_a.new_zeros(1)
     sides = ("reflectance",) if table.bottomless else ("reflectance", "transmittance")
-    have = sum(_multiple(white, zero, directions, side)[0] for side in sides)
-    once = sum(single(white, zero, directions, side)[0] for side in sides)
+    have = torch.stack([_multiple(white, zero, directions, side)[0] for side in sides]).sum(0)
+    once = torch.stack([single(white, zero, directions, side)[0] for side in sides]).sum(0)
     lacking = 1 - sum(ballistic(white, directions)) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 

@@ -79,7 +79,8 @@ def _leaving(
     """
     drift = [math.sqrt(max(1 / c**2 - 1, 0)) for c in cosines]  # sideways per depth
     bottom = layers[-1].d is not None
-    shift = sum(n * layer.d for n, layer in zip(drift, layers, strict=True)) if bottom else None
+    shifts = [n * layer.d for n, layer in zip(drift, layers, strict=True) if layer.d is not None]
+    shift = torch.stack(shifts).sum(0) if bottom else None
     total = s.new_zeros(())
     through = s.new_ones(()) if bottom else None
     above = [torch.ones_like(light.down) for light in lights[0]]  # beam down times light up, to s = 0

@@ -113,7 +113,9 @@ def _light_from(layers: list[Coefficients], cosine: float, share: float) -> list
         below = torch.zeros_like(above)
         for k in reversed(range(len(layers))):
             up[k] = gain * bottom * through * torch.exp(-below)
-            below = below + depth[k]
+            tau = depth[k]
+            assert tau is not None, "only the last of a bottomless stack is infinite"
+            below = below + tau
         down = [t * gain for t in down]
     return [
         Light(

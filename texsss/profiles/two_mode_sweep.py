@@ -94,10 +94,11 @@ def _coupled(layers, lights, s2, modes: TwoModes, b: Pair, out: Pair, lowest: Pa
         squared = (s2 + here.rates[0], s2 + here.rates[1])
         decay = (torch.sqrt(squared[0]), torch.sqrt(squared[1]))
         if layer.d is None:
-            response = tuple(
-                sum(light.source * light.down * y[m] / (light.sigma + decay[m]) for light in beams)
+            slow, fast = (
+                torch.stack([light.source * light.down * y[m] / (light.sigma + decay[m]) for light in beams])
                 for m in (0, 1)
             )
+            response = slow.sum(0), fast.sum(0)
             gamma = (decay[0], s2.new_zeros(()), s2.new_zeros(()), decay[1])
             below = layer, here
             continue

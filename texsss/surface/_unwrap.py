@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from texsss.surface.mesh import Mesh
+from texsss.surface.topology import components
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 SECONDS_PER_FACE = 1.6e-4  # on two cores; only for progress and to spare hopeless attempts
@@ -42,6 +43,11 @@ def xatlas_uv(
     if expected > timeout_s:
         count = mesh.faces.shape[0]
         return None, f"xatlas would take about {expected:.0f} s for {count:,} faces, above {timeout_s:g} s"
+    edges = torch.cat([mesh.faces[:, :2], mesh.faces[:, 1:]])
+    joined = components(mesh.vertices.shape[0], edges)[mesh.faces[:, 0]]
+    parts = len(joined.unique())
+    if parts * (padding_texels + 1) ** 2 > size**2:
+        return None, f"{parts:,} separate parts cannot stand {padding_texels} texels apart in {size} × {size}"
     with tempfile.TemporaryDirectory(prefix="texsss-") as folder:
         source, target = Path(folder, "mesh.npz"), Path(folder, "uv.npy")
         vertices = mesh.vertices.detach().cpu().double()

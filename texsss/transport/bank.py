@@ -77,9 +77,9 @@ def diffusion(
             if built is None:
                 fits = affordable(texels, variances, budget_bytes)
                 built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
-            known = (variances[:, None] == built.variances.to(variances)).to(torch.uint8)
-            crosses, place = known.amax(1).bool(), known.argmax(1)
-            copies = built.applied(values)[place[crosses]]
+            known = variances[:, None] == built.variances.to(variances)
+            crosses = known.any(1)
+            copies = built.applied(values)[known.nonzero()[:, 1]]
             if bool(crosses.all()):
                 return copies
             if notice is not None:
@@ -93,7 +93,7 @@ def diffusion(
     raise DomainError(f"diffusion: expected none, uv or surface, got {method!r}; choose one of them.")
 
 
-def narrow_stop(stopped: int, count: int, budget_bytes: float) -> str:
+def narrow_stop(stopped: int, count: int, budget_bytes: float | int) -> str:
     """The sentence for Gaussians that were left to uv."""
     return (
         f"{stopped} of {count} Gaussians stop at seams, as operators for all would not fit into "
