@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "look": ROOMS | {"specs", "resolve"},
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
-    "estimate": ROOMS | {"scene", "resolve"},
+    "estimate": ROOMS | {"scene", "cache", "pipeline"},
     "stages": {"errors", "types", "scene", "cache"},
     "ground": ROOMS | {"scene", "resolve", "cache", "stages"},
     "pipeline": ROOMS | {"scene", "placing", "look", "resolve", "cache", "ground", "result", "report"},

@@ -169,6 +169,14 @@ def test_inspect_tells_what_to_do(texsss, cube):
     assert "radius_texels" in done.stdout and "raise the size" in done.stdout
 
 
+@pytest.mark.parametrize(
+    "options, says", [(["--material", "nope"], "marble"), (["--albedo", "no.png"], "no.png")]
+)
+def test_dry_run_tells_bad_input_too(texsss, cube, options, says):
+    done = texsss("bake", cube, "--dry-run", *options)
+    assert done.returncode == 2 and says in done.stderr and not done.stdout
+
+
 def test_malformed_scene_names_the_field(texsss, tmp_path):
     (tmp_path / "scene.json").write_text(
         '{"material": {"layers": [{"medium": "skin1", "thickness_mm": -1}]}}'

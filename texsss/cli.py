@@ -40,12 +40,12 @@ def bake(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would cost.")] = False,
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
+    writable(out)
     if dry_run:
         from texsss.estimate import estimate
 
         show_table("Expected", estimate(scene))
         return
-    writable(out)
     from texsss.baker import Baker  # torch takes its time: not for --help
 
     with shown_progress() as progress:

@@ -1,14 +1,19 @@
 """What a bake is expected to cost, before it is run."""
 
-from texsss import resolve
+from texsss.cache import StageCache
+from texsss.pipeline import Run
 from texsss.scene import Scene
+from texsss.surface.atlas import examine_uv
 from texsss.surface.mesh import Mesh
+from texsss.surface.topology import charts
 
 FIXED_BYTES = 420 << 20  # interpreter, PyTorch and the libraries
 POINT_BYTES = 28 + 6 * 12  # a texel's place, and what every stage holds of it in float32 RGB
 GAUSSIAN_BYTES = 12  # one blurred copy, RGB
 GRID_BYTES = 120  # images of the full square during diffusion and export
 SECONDS_PER_TEXEL = {"uv": 1.6e-6, "none": 0.2e-6}  # per texel and Gaussian of the full square
+OPERATOR_SECONDS = 60e-6  # to build and apply the operators of one texel
+OPERATOR_BYTES = 1500
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
 RAYS_PER_SECOND = 1.5e6
 XATLAS_FACES_PER_SECOND = 5e3
@@ -18,12 +23,14 @@ PACKED_SHARE = 0.7  # of the square that a made atlas covers
 def estimate(scene: Scene) -> dict[str, str]:
     """Texels, memory and seconds that a bake of `scene` will take, as lines to show.
 
-    Reads the mesh but bakes nothing. The seconds were measured on two cores of 2020s server hardware;
+    Reads the mesh and the maps but bakes nothing. Raises TexsssError: as a bake would.
+    The seconds were measured on two cores of 2020s server hardware;
     expect them within a factor of two.
     """
-    mesh, notes = resolve.load_mesh(scene.mesh)
+    run = Run(StageCache(0), scene)
+    (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps  # bad names and files are told now
     size, terms = scene.atlas.size, scene.methods.terms
-    unwraps = mesh.source_uv is None or scene.atlas.uv == "xatlas"
+    unwraps = scene.atlas.uv == "xatlas" or not serves(mesh, size)
     share = PACKED_SHARE if unwraps else source_share(mesh)
     texels = round(share * size * size)
     memory = FIXED_BYTES + texels * (POINT_BYTES + terms * GAUSSIAN_BYTES) + size * size * GRID_BYTES
@@ -31,10 +38,13 @@ def estimate(scene: Scene) -> dict[str, str]:
     lamps = sum(RAYS_PER_LIGHT.get(light.type, 1) for light in scene.lights)
     seconds = 2.0 + size * size * blur / 3 + texels * lamps / RAYS_PER_SECOND
     seconds += mesh.faces.shape[0] / XATLAS_FACES_PER_SECOND if unwraps else 0.0
+    if scene.methods.diffusion == "surface":
+        seconds += texels * OPERATOR_SECONDS
+        memory += texels * OPERATOR_BYTES
     width, height, depth = mesh.extent.tolist()
     lines = {
         "object": f"{width:.4g} × {height:.4g} × {depth:.4g} mm, {mesh.faces.shape[0]:,} faces",
-        "atlas": f"{size} × {size}, {'made by xatlas' if unwraps else 'the mesh has texture coordinates'}",
+        "atlas": f"{size} × {size}, {'made by xatlas' if unwraps else 'the texture coordinates serve'}",
         "texels": f"{texels:,} ({share:.0%} of the square)",
         "memory": f"{memory / 2**20:,.0f} MB at the peak",
         "seconds": f"{seconds:.1f}",
@@ -42,6 +52,14 @@ def estimate(scene: Scene) -> dict[str, str]:
     if notes.messages:
         lines["notes"] = " ".join(notes.messages)
     return lines
+
+
+def serves(mesh: Mesh, size: int) -> bool:
+    """Whether the author's texture coordinates can carry the light."""
+    if mesh.source_uv is None:
+        return False
+    chart = charts(mesh.faces, mesh.source_uv)
+    return examine_uv(mesh, mesh.source_uv, chart, (size, size)).serves
 
 
 def source_share(mesh: Mesh) -> float:
