@@ -8,22 +8,17 @@ everything it was made from, so that a material edit costs no blur and a light e
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
-import torch
-
-from texsss import placing, resolve
-from texsss.cache import Kept, content_key
-from texsss.ground import Ground
+from texsss import placing
+from texsss.cache import Kept
 from texsss.light.emitters import Light
 from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import sites_at
-from texsss.look import bumped, map_names, painted, scattered_once, shader, share_of
+from texsss.look import bumped, scattered_once, shader, share_of
+from texsss.matter import Matter
 from texsss.profiles.advice import advice
-from texsss.profiles.project import variance_ladder
-from texsss.profiles.weights import weights_for
 from texsss.report import describe
 from texsss.result import Baked
 from texsss.transport.bank import Bank, Diffusion, diffusion, exitance, narrow_stop
@@ -40,82 +35,8 @@ BUDGET_BYTES = 6e9  # for the operators of surface diffusion
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
-class Run(Ground):
+class Run(Matter):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
-
-    # matter
-
-    @cached_property
-    def surface_maps(self) -> dict[str, Kept]:
-        """The maps of the surface by name. Raises ShapeError: when the mesh has nothing to lay them on."""
-        maps = {name: self.image(name) for name in map_names(self.scene.material.surface)}
-        if maps:
-            _ = self.source_uv
-        return maps
-
-    @cached_property
-    def albedo(self) -> Kept | None:
-        """Albedo at the texels (P, 3); None without a map."""
-        name = self.scene.material.surface.albedo
-        if name is None:
-            return None
-        texels, image = self.texels.value, self.surface_maps[name]
-
-        def make():
-            return painted(image.value, texels.points, texels.mesh).expand(-1, 3)
-
-        return self.stage("albedo", make, self.texels, image)
-
-    @cached_property
-    def stack(self) -> Kept:
-        """The layers; not kept itself, but named by everything in it."""
-        scene = self.scene
-        used = {name: self.image(name) for name in resolve.material_maps(scene)}
-        key = content_key("stack", scene.material.layers, scene.media, used)
-        return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
-
-    @cached_property
-    def variances(self) -> Float[Tensor, " K"]:
-        """The ladder [mm²]; the identity alone when nothing diffuses."""
-        texels, methods = self.texels.value, self.scene.methods
-        if methods.diffusion == "none":
-            return torch.zeros(1)
-        return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, methods.terms)
-
-    def profile(self, scattering: str) -> Kept:
-        """Weights of the ladder at the texels, as the media have them."""
-        texels, methods, stack = self.texels.value, self.scene.methods, self.stack.value
-        model, incidence = methods.profile, methods.incidence
-
-        def make():
-            return weights_for(
-                stack,
-                self.variances,
-                points_uv=texels.points.uv(self.source_uv) if stack.varies else None,
-                points=len(texels),
-                model=model,
-                scattering=scattering,
-                incidence=incidence,
-                **self.hooks("weights"),
-            )
-
-        depends = self.stack, self.texels, self.variances, model, scattering, incidence
-        return self.stage("weights", make, *depends)
-
-    def weights(self, scattering: str) -> Kept:
-        """Weights that pictures use: of total 1 where an albedo map says how much comes back."""
-        made = self.profile(scattering)
-        if not self.normalised:
-            return made
-        total = self.profile("total")
-        table = made.value.table * share_of(total.value.table.sum(1, keepdim=True))
-        return Kept(replace(made.value, table=table), f"{made.key} of {total.key}")
-
-    @property
-    def normalised(self) -> bool:
-        """Whether profiles are scaled to total 1, since an albedo map says how much comes back."""
-        asked = self.scene.material.surface.normalise
-        return self.scene.material.surface.albedo is not None if asked is None else asked
 
     @property
     def advice(self) -> list[str]:
