@@ -1,19 +1,34 @@
-# texsss: `make demo` bakes and renders the default scene, `make test` runs every test.
-# Both make the environment first; nothing but Python 3.11 and make is needed.
+# texsss: `make demo` bakes and renders the default scene, `make test` runs every test, `make serve` opens
+# the page. All make the environment first; nothing but Python 3.11 and make is needed.
 PYTHON ?= python3
 # Name an index of PyTorch's CPU wheels here if yours does not offer them: make TORCH_INDEX=URL
 TORCH_INDEX ?=
 PIP := .venv/bin/pip --disable-pip-version-check
 INDEX := $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
 
-.PHONY: demo test check format bench clean
+PAGE := $(shell find web -name node_modules -prune -o -type f -print)
+
+.PHONY: demo test serve page check format bench clean
 .DELETE_ON_ERROR:
 
 demo: .venv
 	.venv/bin/texsss bake --out out
 
 test: .venv
+	@$(MAKE) --no-print-directory page || { [ "$$CI" != true ] || exit 1; echo "THE PAGE COULD NOT BE BUILT (see above): its tests do not run."; }
 	.venv/bin/python -m pytest $(ARGS)
+
+serve: .venv page
+	.venv/bin/texsss serve --log-format text
+
+page: server/static/index.html
+
+server/static/index.html: web/node_modules/.stamp $(PAGE)
+	web/npm run --silent build
+
+web/node_modules/.stamp: web/package.json web/package-lock.json | .venv
+	web/npm ci --silent
+	@touch $@
 
 check: .venv
 	.venv/bin/ruff format --check .
@@ -39,4 +54,4 @@ bench: .venv
 	@touch $@
 
 clean:
-	rm -rf .venv out build dist *.egg-info
+	rm -rf .venv out build dist *.egg-info server/static web/node_modules

@@ -14,13 +14,13 @@ from starlette.routing import Match
 from texsss_server import openapi
 from texsss_server.middleware import Envelope
 from texsss_server.problems import Problem, of_error
-from texsss_server.routes import assets, bake, catalogue, health, jobs, render, study
+from texsss_server.routes import assets, bake, catalogue, health, jobs, render, study, viewer
 from texsss_server.service import Service
 from texsss_server.settings import Settings
 
 from texsss.errors import TexsssError
 
-PARTS = (render, bake, study, catalogue, assets, jobs, health)
+PARTS = (render, bake, study, viewer, catalogue, assets, jobs, health)
 STATIC = Path(__file__).parent / "static"
 DESCRIPTION = "Layered subsurface scattering in the texture space of a mesh. A scene is the body everywhere."
 
@@ -50,6 +50,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.include_router(part.router)
     if (STATIC / "index.html").is_file():
         app.frontend("/", directory=STATIC, fallback=None)
+    else:
+        app.add_api_route("/", _no_page, include_in_schema=False)
     if settings.cors_origins:
         app.add_middleware(
             CORSMiddleware,
@@ -64,6 +66,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_exception_handler(RequestValidationError, _parameters)
     app.add_exception_handler(HTTPException, _http)
     return app
+
+
+async def _no_page() -> None:
+    raise Problem("not-found", "The page was not built; run `make page`, or install a released package.")
 
 
 async def _problem(request: Request, problem: Exception) -> Response:

@@ -181,8 +181,10 @@ def _beyond(scene: Scene, service: Service) -> Iterator[dict[str, str]]:
         elif source.asset is not None and service.store.get(source.asset) is None:
             detail = "No such asset is here (any more); upload it to /v1/assets."
             yield fault(f"{pointer}/asset", "unknown-asset", detail)
-    if scene.atlas.size > settings.max_atlas:
-        yield fault("/atlas/size", "too-large", f"Expected at most {settings.max_atlas} texels here.")
+    for field in ("size", "raster"):
+        if (getattr(scene.atlas, field) or 0) > settings.max_atlas:
+            detail = f"Expected at most {settings.max_atlas} texels here."
+            yield fault(f"/atlas/{field}", "too-large", detail)
     width, height = scene.camera.resolution
     if width * height > settings.max_picture_pixels:
         detail = f"Expected at most {settings.max_picture_pixels:,} pixels here."

@@ -22,21 +22,27 @@ PICTURES = {
     "image/webp": "webp",
     "image/x-exr": "exr",
     "application/x-npz": "npz",
+    "application/x-npy": "npy",
 }
 """Media types of images, best first, and how their files are called."""
 
-LINEAR = ("image/x-exr", "application/x-npz")
-"""Those that carry linear values; the others are encoded for a display."""
+LINEAR = ("image/x-exr", "application/x-npz", "application/x-npy")
+"""Those that carry linear values (NPY in half precision); the others are encoded for a display."""
 
 BAKES = {"model/gltf-binary": "glb", "application/zip": "zip"}
 """Media types of bakes, best first."""
 
 JPEG_QUALITY = 90
+HALF_MAX = 65504.0
 
 
 def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
     """An image in one of `PICTURES`: display values in 0..1, or linear ones for those in `LINEAR`."""
     image = image.detach()
+    if media_type == "application/x-npy":
+        out = io.BytesIO()
+        np.save(out, image.clamp(-HALF_MAX, HALF_MAX).half().cpu().numpy())
+        return out.getvalue()
     if media_type == "application/x-npz":
         out = io.BytesIO()
         np.savez(out, image=image.cpu().numpy())

@@ -10,9 +10,11 @@ from texsss_server.worker import Turn
 from texsss.baker import Baker
 from texsss.curve import presets
 from texsss.scene import Scene
+from texsss.specs import OutputSpec
 
 TINY = {"atlas": {"size": 64}, "camera": {"resolution": [32, 24], "samples": 1}}
-DATA = ("coverage", "position", "normal", "texel-mm", "weight")
+PAGE_DRAFT = 256  # edge of the lightmap that the page asks for while a slider moves [texels]
+DATA = ("coverage", "position", "normal", "texel-mm", "weight", "thickness")
 
 
 class Engine:
@@ -42,6 +44,23 @@ class Engine:
         body = encoded(values, media_type)
         return Answer(body, media_type, f"{image}.{PICTURES[media_type]}", turn.seconds)
 
+    def model(self, scene: Scene, turn: Turn) -> Answer:
+        """The mesh and its atlas as a GLB without textures."""
+        body = self.baker.model(scene, progress=turn.progress, cancel=turn.stopped)
+        return Answer(body, "model/gltf-binary", "geometry.glb", turn.seconds)
+
+    def map(self, scene: Scene, name: str, media_type: str, turn: Turn) -> Answer:
+        """A map of a scene; linear light for a display, numbers as they are."""
+        values = self.baker.map(scene, name, cancel=turn.stopped)
+        if media_type not in LINEAR and scene.maps[name].space == "srgb":
+            plain = scene.model_copy(update={"output": OutputSpec(tonemap="linear")})
+            values = self.baker.display(plain, values.expand(-1, -1, 3))
+        return Answer(encoded(values, media_type), media_type, f"map.{PICTURES[media_type]}", turn.seconds)
+
+    def showing(self, scene: Scene, turn: Turn) -> dict:
+        """Where lights and camera stand, for viewers."""
+        return self.baker.showing(scene, progress=turn.progress, cancel=turn.stopped)
+
     def bake(self, scene: Scene, media_type: str, turn: Turn) -> Answer:
         """The baked model, or all files of the bake."""
         baked = self.baker.bake(scene, progress=turn.progress, cancel=turn.stopped)
@@ -61,8 +80,12 @@ class Engine:
         return presets()
 
     def prepare(self, scene: Scene, turn: Turn) -> None:
-        """Fills the cache with what the scene needs."""
-        self.baker.render(scene, progress=turn.progress, cancel=turn.stopped)
+        """Fills the cache with what pictures and drafts of the scene need, drafts first."""
+        hooks = {"progress": turn.progress, "cancel": turn.stopped}
+        raster = min(scene.atlas.texels, PAGE_DRAFT)
+        draft = scene.model_copy(update={"atlas": scene.atlas.model_copy(update={"raster": raster})})
+        self.baker.intermediate(draft, "diffused", **hooks)
+        self.baker.render(scene, **hooks)
 
     def _warm_up(self) -> None:
         """One small picture, so that the first request finds libraries loaded."""

@@ -27,9 +27,8 @@ SECURITY = {
 }
 API_CSP = "default-src 'none'; frame-ancestors 'none'"
 PAGE_CSP = (
-    "default-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; "
-    "style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; "
-    "form-action 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
 
@@ -86,6 +85,8 @@ class Envelope:
         headers["content-security-policy"] = API_CSP if path.startswith(API) else PAGE_CSP
         if path.startswith("/assets/"):
             headers["cache-control"] = "public, max-age=31536000, immutable"  # named by their content
+        elif not path.startswith(API):
+            headers.setdefault("cache-control", "no-cache")  # the page names those assets
 
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         route = getattr(scope.get("route"), "path", "unmatched")

@@ -11,6 +11,7 @@ from texsss.pipeline import Run
 from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene
+from texsss.showing import model, showing
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
 
@@ -44,6 +45,22 @@ class Baker:
     ) -> Float[Tensor, "H W C"]:
         """What lies between the stages, over the atlas; see `texsss.intermediates`. As `bake` otherwise."""
         return intermediate(self._run(scene, progress, cancel), name)
+
+    def map(self, scene: Scene, name: str, *, cancel: Cancel | None = None) -> Float[Tensor, "H W C"]:
+        """A map of the scene by its name, linear. Raises DomainError: when no map has that name."""
+        if name not in scene.maps:
+            raise DomainError(f"Baker: no map is named {name!r}; maps has {sorted(scene.maps) or 'none'}.")
+        return self._run(scene, None, cancel).image(name).value
+
+    def model(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> bytes:
+        """The mesh with its atlas as a GLB without textures."""
+        return model(self._run(scene, progress, cancel))
+
+    def showing(
+        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+    ) -> dict:
+        """Where lights and camera stand, for viewers; see `texsss.showing`."""
+        return showing(self._run(scene, progress, cancel))
 
     def display(self, scene: Scene, image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
         """Linear light as display values in 0..1, exposed and tone mapped as the scene's output asks."""

@@ -29,7 +29,7 @@ def estimate(scene: Scene) -> dict[str, str]:
     """
     run = Run(StageCache(0), scene)
     (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps  # bad names and files are told now
-    size, terms = scene.atlas.size, scene.methods.terms
+    size, terms = scene.atlas.texels, scene.methods.terms
     unwraps = scene.atlas.uv == "xatlas" or not serves(mesh, size)
     share = PACKED_SHARE if unwraps else source_share(mesh)
     texels = round(share * size * size)

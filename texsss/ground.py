@@ -51,11 +51,11 @@ class Ground(Stages):
                 mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks("atlas")
             )
 
-        return self.stage("atlas", make, self.mesh, spec)
+        return self.stage("atlas", make, self.mesh, spec.uv, spec.size, spec.padding_texels)
 
     @cached_property
     def texels(self) -> Kept:
-        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.size
+        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.texels
 
         def make():
             texels = rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels"))

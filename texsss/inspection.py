@@ -21,7 +21,7 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
     `advice`: sentences, the worst first.
     """
     mesh, notes = run.mesh.value
-    size = run.scene.atlas.size
+    size = run.scene.atlas.texels
     report = None
     if mesh.source_uv is not None:
         report, image = examine(mesh, mesh.source_uv, (size, size))

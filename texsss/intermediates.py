@@ -5,27 +5,35 @@ from collections.abc import Callable
 
 import torch
 
+from texsss import placing
 from texsss.errors import DomainError
+from texsss.numerics.sampling import bilinear
 from texsss.pipeline import Run
 from texsss.specs import INTERMEDIATES
 from texsss.types import Float, Tensor
+from texsss.view.picture import picture
 
 
 def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     """An intermediate result over the atlas, dilated to the full square.
 
-    irradiance, exitance [W/m²], radiance [W/(m² sr)], albedo; position [mm], normal; texel-mm: edge of a
-    texel [mm]; coverage: 1 on the surface; gaussian-N: the light blurred by the N-th Gaussian [W/m²];
-    weight-N: its share. Raises DomainError: for another name, or more Gaussians than there are.
+    irradiance, exitance [W/m²], radiance [W/(m² sr)], albedo; diffused: exitance before the albedo that
+    applies after diffusion; position [mm], normal; texel-mm: edge of a texel [mm]; coverage: 1 on the
+    surface; gaussian-N: the light blurred by the N-th Gaussian [W/m²]; weight-N: its share; thickness-N:
+    of the N-th layer [mm], 0 where it has no end. `single` alone lies over the picture: radiance of light
+    that was scattered once. Raises DomainError: for another name, more Gaussians or layers than there
+    are, or `single` of a scene that does not march.
     """
     if not re.fullmatch(INTERMEDIATES, name):
         raise DomainError(
-            f"intermediate: expected irradiance, exitance, radiance, coverage, albedo, position, normal, "
-            f"texel-mm, gaussian-N or weight-N, got {name!r}."
+            f"intermediate: expected irradiance, diffused, exitance, radiance, single, coverage, albedo, "
+            f"position, normal, texel-mm, gaussian-N, weight-N or thickness-N, got {name!r}."
         )
     kind, _, number = name.partition("-")
     if kind in ("gaussian", "weight"):
         return run.baked().image(_numbered(run, kind, int(number)))
+    if kind == "thickness":
+        return run.baked().image(_thickness(run, int(number)))
     return _NAMED[name](run)
 
 
@@ -40,6 +48,32 @@ def _numbered(run: Run, kind: str, number: int) -> Float[Tensor, "P 3"]:
         if kind == "gaussian"
         else run.weights("total").value.at()[:, number - 1]
     )
+
+
+def _thickness(run: Run, number: int) -> Float[Tensor, "P 1"]:
+    layers, texels = run.stack.value.layers, run.texels.value
+    if number > len(layers):
+        raise DomainError(f"intermediate: this scene has {len(layers)} layers, got number {number}.")
+    thickness = layers[number - 1].thickness
+    if thickness is None:
+        return texels.area.new_zeros(len(texels), 1)
+    if thickness.ndim == 3:
+        thickness = bilinear(thickness, texels.points.uv(run.source_uv), wrap="repeat")
+    return thickness.to(texels.area).mean(-1, keepdim=True).expand(len(texels), 1)
+
+
+def _single(run: Run) -> Float[Tensor, "h w 3"]:
+    once, (mesh, _) = run.single, run.mesh.value
+    if once is None:
+        raise DomainError(
+            "intermediate: single scattering is part of the profiles here; "
+            "set methods.single_scattering to exact or uniform to see it alone."
+        )
+    scene = run.scene
+    view = placing.camera(scene.camera, mesh)
+    hooks = run.hooks("picture")
+    seen = picture(view, run.occluder.value, once, samples=scene.camera.samples, seed=scene.seed, **hooks)
+    return seen[..., :3]
 
 
 def _albedo(run: Run) -> Float[Tensor, "H W 3"]:
@@ -58,6 +92,8 @@ def _texel_mm(run: Run) -> Float[Tensor, "H W 1"]:
 
 _NAMED: dict[str, Callable[[Run], Tensor]] = {
     "irradiance": lambda run: run.baked().irradiance,
+    "diffused": lambda run: run.baked().image(run.diffused("total").value),
+    "single": _single,
     "exitance": lambda run: run.baked().exitance,
     "radiance": lambda run: run.baked().radiance,
     "coverage": lambda run: run.baked().coverage.float()[..., None],

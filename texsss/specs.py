@@ -15,10 +15,11 @@ Colour = tuple[NonNegative, NonNegative, NonNegative]
 
 
 INTERMEDIATES = (
-    "irradiance|exitance|radiance|coverage|albedo|position|normal|texel-mm"
-    "|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2])"
+    "irradiance|diffused|exitance|radiance|single|coverage|albedo|position|normal|texel-mm"
+    "|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2])|thickness-([1-9]|[1-5][0-9]|6[0-4])"
 )
-"""Names of what lies between the stages, as a regular expression; Gaussians count from the narrowest, 1."""
+"""Names of what lies between the stages, as a regular expression; Gaussians count from the narrowest, 1,
+layers from the outermost, 1."""
 
 
 class Model(BaseModel):
@@ -70,11 +71,21 @@ MeshField = Annotated[MeshSpec, BeforeValidator(_as_mesh)]
 
 
 class AtlasSpec(Model):
-    """The lightmap's texture coordinates: the author's where they qualify (`auto`), or made by xatlas."""
+    """The lightmap's texture coordinates: the author's where they qualify (`auto`), or made by xatlas.
+
+    `raster`: edge of the lightmap that is computed on the same coordinates [texels], for drafts;
+    None is `size`.
+    """
 
     uv: Literal["auto", "source", "xatlas"] = "auto"
     size: Annotated[Count, Field(ge=16, le=8192)] = 1024
     padding_texels: Annotated[Count, Field(ge=0, le=64)] = 5
+    raster: Annotated[Count, Field(ge=16, le=8192)] | None = None
+
+    @property
+    def texels(self) -> int:
+        """Edge of the lightmap that is computed [texels]."""
+        return self.size if self.raster is None else self.raster
 
 
 class MapSpec(Model):

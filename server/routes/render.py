@@ -17,7 +17,10 @@ from texsss_server.settings import Settings
 from texsss.scene import Scene
 from texsss.specs import INTERMEDIATES
 
-FORMATS = ("image/png", "image/jpeg", "image/webp", "image/x-exr", "application/x-npz")
+FORMATS = (
+    *("image/png", "image/jpeg", "image/webp"),
+    *("image/x-exr", "application/x-npz", "application/x-npy"),
+)
 IMAGE = f"^(picture|{INTERMEDIATES})$"
 WORK = (
     *("malformed-json", "malformed-body", "not-acceptable", "request-timeout", "superseded"),
@@ -51,7 +54,7 @@ class RenderQuery(BaseModel):
     response_class=Response,
     responses={
         200: {
-            "description": "PNG, JPEG and WebP for display; EXR and NPZ linear.",
+            "description": "PNG, JPEG and WebP for display; EXR, NPZ and NPY (half) linear.",
             "content": {name: {"schema": {"type": "string", "format": "binary"}} for name in FORMATS},
         },
         202: JOB,
@@ -87,7 +90,8 @@ async def render(
 
 def drafted(scene: Scene, settings: Settings) -> Scene:
     """The scene at the size of a draft."""
-    atlas = scene.atlas.model_copy(update={"size": min(scene.atlas.size, settings.draft_atlas)})
+    raster = min(scene.atlas.texels, settings.draft_atlas)
+    atlas = scene.atlas.model_copy(update={"raster": raster})  # on the same coordinates as the final
     width, height = scene.camera.resolution
     scale = min(1.0, (settings.draft_pixels / (width * height)) ** 0.5)
     resolution = max(1, round(width * scale)), max(1, round(height * scale))

@@ -1,6 +1,7 @@
 """POST /v1/profile and /v1/inspect: a scene in, numbers out."""
 
 import json
+from typing import Literal
 
 from fastapi import APIRouter, Request
 from starlette.responses import Response
@@ -11,6 +12,8 @@ from texsss_server.openapi import SCENE_BODY
 from texsss_server.problems import responses
 from texsss_server.routes.render import WORK
 from texsss_server.service import Service, TheService
+
+from texsss.scene import Scene
 
 JSON = "application/json"
 ANSWERS = {
@@ -31,7 +34,7 @@ router = APIRouter()
 )
 async def profile(request: Request, scene: SceneBody, service: TheService) -> Response:
     """R(r) of the scene's material per channel, its Gaussians, radii and mean free path."""
-    return await _numbers(request, scene, service, "profile")
+    return await numbers(request, scene, service, "profile")
 
 
 @router.post(
@@ -43,14 +46,17 @@ async def profile(request: Request, scene: SceneBody, service: TheService) -> Re
 )
 async def inspect(request: Request, scene: SceneBody, service: TheService) -> Response:
     """Mesh, texture coordinates and scale, with advice."""
-    return await _numbers(request, scene, service, "inspect")
+    return await numbers(request, scene, service, "inspect")
 
 
-async def _numbers(request: Request, scene: SceneBody, service: Service, what: str) -> Response:
+async def numbers(
+    request: Request, scene: Scene, service: Service, what: Literal["profile", "inspect", "showing"]
+) -> Response:
+    """The answer of that method of the engine as JSON."""
     accepted(request, [JSON])
 
     def call(engine, turn) -> Answer:
-        found = engine.profile(scene, turn) if what == "profile" else engine.inspect(scene, turn)
+        found = getattr(engine, what)(scene, turn)
         return Answer(json.dumps(found, allow_nan=False).encode(), JSON, None, turn.seconds)
 
     return await service.answer(request, None, etag(scene, JSON, what=what), call)

@@ -12,6 +12,24 @@ from texsss.io.images import encode_png
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
 
+_UNLIT = {
+    "extensionsUsed": ["KHR_materials_unlit"],
+    "materials": [
+        {
+            "name": "baked",
+            "doubleSided": True,
+            "extensions": {"KHR_materials_unlit": {}},
+            # what viewers without the extension fall back to
+            "pbrMetallicRoughness": {
+                "baseColorTexture": {"index": 0, "texCoord": 0},
+                "metallicFactor": 0.0,
+                "roughnessFactor": 1.0,
+            },
+        }
+    ],
+    "textures": [{"source": 0, "sampler": 0}],
+    "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],
+}
 _METRES = 1e-3  # glTF counts in metres
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
@@ -35,12 +53,13 @@ def write_glb(
             "pass the atlas of this mesh."
         )
     png = texture if isinstance(texture, bytes) else encode_png(texture)
-    data = _glb(mesh, atlas_uv, png)
+    data = glb(mesh, atlas_uv, png)
     with replacing(path) as beside:
         beside.write_bytes(data)
 
 
-def _glb(mesh: Mesh, atlas_uv: Float[Tensor, "F 3 2"], png: bytes) -> bytes:
+def glb(mesh: Mesh, atlas_uv: Float[Tensor, "F 3 2"], png: bytes | None = None) -> bytes:
+    """The bytes of `write_glb`; without `png` the mesh and its texture coordinates alone."""
     attributes, indices = _split(mesh, atlas_uv)
     parts, views, accessors = [], [], []
 
@@ -64,36 +83,22 @@ def _glb(mesh: Mesh, atlas_uv: Float[Tensor, "F 3 2"], png: bytes) -> bytes:
     position = attributes["POSITION"]
     accessors[numbers["POSITION"]] |= {"min": position.min(0).tolist(), "max": position.max(0).tolist()}
     faces = accessor(indices.astype("<u4"), "SCALAR", _UINT, _INDICES)
-    image = view(png)
+    primitive = {"attributes": numbers, "indices": faces}
     document = {
         "asset": {"version": "2.0", "generator": "texsss"},
-        "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": mesh.name}],
-        "meshes": [
-            {"name": mesh.name, "primitives": [{"attributes": numbers, "indices": faces, "material": 0}]}
-        ],
-        "materials": [
-            {
-                "name": "baked",
-                "doubleSided": True,
-                "extensions": {"KHR_materials_unlit": {}},
-                # what viewers without the extension fall back to
-                "pbrMetallicRoughness": {
-                    "baseColorTexture": {"index": 0, "texCoord": 0},
-                    "metallicFactor": 0.0,
-                    "roughnessFactor": 1.0,
-                },
-            }
-        ],
-        "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],
-        "images": [{"bufferView": image, "mimeType": "image/png", "name": "radiance"}],
+        "meshes": [{"name": mesh.name, "primitives": [primitive]}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": sum(len(p) for p in parts)}],
     }
+    if png is not None:
+        primitive["material"] = 0
+        document |= _UNLIT
+        document["images"] = [{"bufferView": view(png), "mimeType": "image/png", "name": "radiance"}]
+        document["buffers"] = [{"byteLength": sum(len(p) for p in parts)}]
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     binary = b"".join(parts)

@@ -1,0 +1,88 @@
+"""A real browser in front of a real server. Where one of them is missing, that is said loudly."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from paging import SETTLED, SMALL, address
+from serving import Running, end, launch, until_ready
+
+STATIC = Path(__file__).parents[2] / "server" / "static"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+ARGS = (
+    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+MISSING = (
+    "Chromium is missing (Debian: apt-get install chromium)"
+    if CHROMIUM is None
+    else None
+    if (STATIC / "index.html").is_file()
+    else "server/static is empty (run make page)"
+)
+TIMEOUT_MS = 30_000
+
+
+def pytest_collection_modifyitems(items):
+    here = Path(__file__).parent
+    for item in items:
+        if MISSING and here in item.path.parents:
+            if os.environ.get("CI") == "true":
+                pytest.exit(f"the page must be tested here, but {MISSING}", returncode=3)
+            item.add_marker(pytest.mark.skip(reason=f"THE PAGE IS NOT TESTED: {MISSING}"))
+
+
+def pytest_terminal_summary(terminalreporter):
+    if MISSING:
+        terminalreporter.write_sep("!", f"THE PAGE WAS NOT TESTED: {MISSING}", red=True, bold=True)
+
+
+@pytest.fixture(scope="session")
+def page_server(tmp_path_factory) -> Iterator[Running]:
+    running = launch(tmp_path_factory.mktemp("page"), "page")
+    try:
+        yield until_ready(running)
+    finally:
+        end(running)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        made = playwright.chromium.launch(executable_path=CHROMIUM, chromium_sandbox=False, args=list(ARGS))
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def visit(browser, page_server) -> Iterator[Callable]:
+    """Opens the page at an address of the server; at the end no error may have been logged."""
+    contexts, said = [], []
+
+    def hear(message):
+        if message.type == "error" and "GPU stall due to ReadPixels" not in message.text:
+            said.append(message.text)
+
+    def open_page(
+        scene: dict | None = SMALL, *, path: str | None = None, server: Running = page_server, **options
+    ):
+        options = {"viewport": {"width": 900, "height": 640}, "reduced_motion": "reduce", **options}
+        context = browser.new_context(base_url=server.url, **options)
+        context.set_default_timeout(TIMEOUT_MS)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", hear)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.said = said
+        page.goto(path or address(scene or {}))
+        page.wait_for_selector(SETTLED)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert said == []

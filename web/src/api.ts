@@ -1,0 +1,150 @@
+// HTTP: problems told as they are, stale requests aborted, long work as a job.
+
+import type { Asset, Preset, Profile, Scene, Showing } from "./types";
+
+/** One fault of a request: where in the scene, and what. */
+export interface FieldError {
+  pointer: string;
+  detail: string;
+}
+
+/** An answer of the service that is not a success (RFC 9457). */
+export class Problem extends Error {
+  constructor(
+    readonly status: number,
+    readonly slug: string,
+    readonly title: string,
+    detail: string,
+    readonly errors: FieldError[] = [],
+    readonly retryAfter = 0,
+  ) {
+    super(detail);
+  }
+}
+
+/** The service can't be reached. */
+export class Offline extends Error {}
+
+const CLIENT = `page-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
+
+async function ask(url: string, init: RequestInit): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(url, init);
+  } catch (error) {
+    if (init.signal?.aborted) throw error;
+    throw new Offline("The service can't be reached.");
+  }
+  if (response.ok) return response;
+  throw await problemOf(response);
+}
+
+async function problemOf(response: Response): Promise<Problem> {
+  const wait = Number(response.headers.get("retry-after") ?? 0);
+  const body = await response.json().catch(() => ({}));
+  const slug = String(body.type ?? "").split("/").pop() || "unknown";
+  const detail = String(body.detail ?? response.statusText);
+  return new Problem(response.status, slug, String(body.title ?? "Something went wrong"), detail, body.errors ?? [], wait);
+}
+
+interface Options {
+  signal?: AbortSignal;
+  accept?: string;
+  draft?: boolean;
+  progress?: (stage: string, fraction: number) => void;
+}
+
+/** POSTs a scene; work that waits for its turn or a full queue is asked for again. */
+async function post(url: string, scene: object, options: Options = {}): Promise<Response> {
+  const headers: Record<string, string> = { "content-type": "application/json" };
+  if (options.accept) headers.accept = options.accept;
+  if (options.draft) headers["x-client-id"] = CLIENT;
+  if (options.progress) headers.prefer = "respond-async";
+  const body = JSON.stringify(scene);
+  for (let tries = 0; ; tries++) {
+    try {
+      const response = await ask(url, { method: "POST", headers, body, signal: options.signal });
+      return response.status === 202 ? await finished(response, options) : response;
+    } catch (error) {
+      const wait = error instanceof Problem && error.retryAfter && tries < 8 ? error.retryAfter : 0;
+      if (!wait || (error as Problem).slug === "render-timeout") throw error;
+      await sleep(Math.min(wait, 2) * 1000, options.signal);
+    }
+  }
+}
+
+/** Follows a job by its events; gives its result. An abort cancels it. */
+async function finished(accepted: Response, options: Options): Promise<Response> {
+  const links = (await accepted.json()).links as { self: string; events: string; result: string };
+  const events = new EventSource(links.events);
+  try {
+    await new Promise<void>((done, fail) => {
+      const hear = (event: MessageEvent) => {
+        const job = JSON.parse(event.data);
+        options.progress?.(job.stage, job.fraction);
+      };
+      events.addEventListener("progress", hear);
+      for (const end of ["done", "failed", "cancelled", "stopping"]) events.addEventListener(end, () => done());
+      events.onerror = () => {
+        if (events.readyState === EventSource.CLOSED) fail(new Offline("The service can't be reached."));
+      };
+      options.signal?.addEventListener("abort", () => fail(options.signal?.reason));
+    });
+  } catch (error) {
+    void fetch(links.self, { method: "DELETE" }).catch(() => undefined);
+    throw error;
+  } finally {
+    events.close();
+  }
+  return ask(links.result, { signal: options.signal });
+}
+
+export function sleep(ms: number, signal?: AbortSignal): Promise<void> {
+  return new Promise((done, fail) => {
+    const timer = setTimeout(done, ms);
+    signal?.addEventListener("abort", () => (clearTimeout(timer), fail(signal.reason)));
+  });
+}
+
+export const api = {
+  async ready(): Promise<boolean> {
+    try {
+      return (await fetch("/readyz", { cache: "no-store" })).ok;
+    } catch {
+      throw new Offline("The service can't be reached.");
+    }
+  },
+  async scenes(): Promise<{ name: string; summary: string; scene: Scene }[]> {
+    return (await ask("/v1/scenes", {})).json();
+  },
+  async presets(signal?: AbortSignal): Promise<Preset[]> {
+    return (await ask("/v1/presets", { signal })).json();
+  },
+  async showing(scene: object, options?: Options): Promise<Showing> {
+    return (await post("/v1/showing", scene, options)).json();
+  },
+  async geometry(scene: object, options?: Options): Promise<ArrayBuffer> {
+    return (await post("/v1/geometry", scene, { ...options, accept: "model/gltf-binary" })).arrayBuffer();
+  },
+  async map(scene: object, name: string, options?: Options): Promise<Blob> {
+    const url = `/v1/map?name=${encodeURIComponent(name)}`;
+    return (await post(url, scene, { ...options, accept: "image/png" })).blob();
+  },
+  async image(scene: object, image: string, options?: Options): Promise<Response> {
+    return post(`/v1/render?image=${image}`, scene, options);
+  },
+  async bake(scene: object, options?: Options): Promise<Blob> {
+    return (await post("/v1/bake", scene, { ...options, accept: "model/gltf-binary" })).blob();
+  },
+  async profile(scene: object, options?: Options): Promise<Profile> {
+    return (await post("/v1/profile", scene, options)).json();
+  },
+  async inspect(scene: object, options?: Options): Promise<any> {
+    return (await post("/v1/inspect", scene, options)).json();
+  },
+  async upload(file: File): Promise<Asset> {
+    const url = `/v1/assets?name=${encodeURIComponent(file.name)}`;
+    const headers = { "content-type": "application/octet-stream" };
+    return (await ask(url, { method: "POST", headers, body: file })).json();
+  },
+};

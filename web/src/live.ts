@@ -1,0 +1,272 @@
+// Keeps the picture up with the scene: a draft while it changes, the whole when it rests.
+
+import { api, Offline, Problem, sleep } from "./api";
+import { bakedPart, toScene, type State } from "./state";
+import type { Scene, Showing } from "./types";
+import { parseGlb } from "./view/glb";
+import { type HalfImage, parseNpy, rangeOf } from "./view/npy";
+import { fromBlob, fromHalf } from "./view/textures";
+import type { BufferGeometry, Texture } from "three";
+
+const DRAFT = 256; // edge of the lightmap while something moves; the service warms this size
+const REST_MS = 220;
+const NPY = "application/x-npy";
+const HEADROOM = 1.3; // of drafts over the greatest value seen, which they clip
+
+export interface Badge {
+  state: "busy" | "draft" | "final" | "failed";
+  texels: number;
+  ms: number;
+  stage?: string;
+  fraction?: number;
+}
+
+export interface LiveEvents {
+  badge(badge: Badge): void;
+  showing(showing: Showing): void;
+  geometry(geometry: BufferGeometry): void;
+  light(texture: Texture, final: HalfImage | null): void;
+  map(kind: "albedo" | "roughnessMap" | "specularMap" | "normalMap", texture: Texture | null): void;
+  settled(): void;
+  problem(error: unknown): void;
+  offline(): void;
+}
+
+type Baked = ReturnType<typeof bakedPart>;
+
+export class Live {
+  private wanted: Baked | null = null;
+  private shown = ""; // what the light on screen was made from
+  private settledOn = "";
+  private running = false;
+  private moving = false;
+  private changedAt = 0;
+  private final: AbortController | null = null;
+  private place = "";
+  private geometryKey = "";
+  private grounds = new Set<string>(); // meshes and sizes that are known to be quick
+  private maps: Record<string, string> = {};
+  private bound = 0; // greatest value of the light on screen
+  private wake: () => void = () => undefined;
+  image = "diffused";
+  /** How often the light on screen was all that was wanted. */
+  settles = 0;
+  showing: Showing | null = null;
+  /** The light on screen in full, once it has settled. */
+  values: HalfImage | null = null;
+
+  constructor(private readonly events: LiveEvents) {}
+
+  /** Wants the light of a state; `moving`: it is likely to change again soon. */
+  want(state: State, moving: boolean): void {
+    const scene = toScene(state);
+    if (!scene.material.layers.length) return;
+    const baked = bakedPart(scene);
+    const key = this.key(baked);
+    this.moving = moving;
+    if (this.wanted && key === this.key(this.wanted)) {
+      this.wake();
+      return;
+    }
+    this.wanted = baked;
+    this.changedAt = performance.now();
+    this.final?.abort(new DOMException("stale", "AbortError"));
+    void this.showMaps(scene);
+    this.wake();
+    if (!this.running) void this.run();
+  }
+
+  /** Shows another image of the scene on the surface. */
+  look(image: string): void {
+    this.image = image;
+    this.shown = this.settledOn = "";
+    this.bound = 0;
+    this.final?.abort(new DOMException("stale", "AbortError"));
+    this.wake();
+    if (!this.running && this.wanted) void this.run();
+  }
+
+  /** Asks for everything again, as after the service was away. */
+  again(): void {
+    this.shown = this.settledOn = this.place = "";
+    this.wake();
+    if (!this.running && this.wanted) void this.run();
+  }
+
+  /** Stops what goes on now. */
+  cancel(): void {
+    this.final?.abort(new DOMException("cancelled", "AbortError"));
+    this.settledOn = this.wanted ? this.key(this.wanted) : "";
+    this.shown = this.settledOn;
+  }
+
+  get busy(): boolean {
+    return this.running;
+  }
+
+  private key(scene: object): string {
+    return `${this.image} ${JSON.stringify(scene)}`;
+  }
+
+  private async run(): Promise<void> {
+    this.running = true;
+    let wait = 1;
+    while (this.wanted && this.settledOn !== this.key(this.wanted)) {
+      const scene = this.wanted;
+      const key = this.key(scene);
+      try {
+        await this.ground(scene);
+        if (this.shown !== key && scene.atlas.size > DRAFT) {
+          await this.draw(scene, true);
+          this.shown = key;
+          continue; // what changed meanwhile is more urgent than the whole
+        }
+        const rest = this.changedAt + REST_MS - performance.now();
+        if (this.moving || rest > 0) {
+          await this.pause(this.moving ? 1000 : rest);
+          continue;
+        }
+        await this.draw(scene, false);
+        this.shown = this.settledOn = key;
+        wait = 1;
+        this.settles++;
+        this.events.settled();
+      } catch (error) {
+        if ((error as Error)?.name === "AbortError") continue;
+        if (error instanceof Problem && error.slug === "superseded") continue;
+        this.events.badge({ state: "failed", texels: 0, ms: 0 });
+        if (error instanceof Offline) {
+          this.events.offline();
+          await this.pause(1000 * wait);
+          wait = Math.min(2 * wait, 4);
+          continue;
+        }
+        this.settledOn = this.shown = key; // until something else is wanted
+        this.events.problem(error);
+      }
+    }
+    this.running = false;
+  }
+
+  private pause(ms: number): Promise<void> {
+    return new Promise((done) => {
+      const timer = setTimeout(done, ms);
+      this.wake = () => (clearTimeout(timer), done());
+    });
+  }
+
+  /** Places and geometry, when they changed. */
+  private async ground(scene: Baked): Promise<void> {
+    const place = placeOf(scene);
+    if (place === this.place) return;
+    const start = performance.now();
+    const abort = (this.final = new AbortController());
+    const heavy = !this.grounds.has(groundOf(scene));
+    const progress = heavy
+      ? (stage: string, fraction: number) =>
+          this.events.badge({ state: "busy", texels: scene.atlas.size, ms: performance.now() - start, stage, fraction })
+      : undefined;
+    if (heavy) {
+      progress?.("surface", 0);
+      const only = { mesh: scene.mesh, atlas: scene.atlas };
+      const buffer = await api.geometry(only, { signal: abort.signal, progress });
+      const showing = await api.showing(scene, { signal: abort.signal });
+      if (showing.geometry !== this.geometryKey) {
+        this.geometryKey = showing.geometry;
+        this.bound = 0;
+        this.events.geometry(parseGlb(buffer));
+      }
+      this.tell(showing);
+    } else {
+      // lights and indices alone: the picture need not wait for them
+      void api.showing(scene, { signal: abort.signal }).then(
+        (showing) => this.tell(showing),
+        () => undefined,
+      );
+    }
+    this.place = place;
+  }
+
+  private tell(showing: Showing): void {
+    this.showing = showing;
+    this.events.showing(showing);
+  }
+
+  private async draw(scene: Baked, draft: boolean): Promise<void> {
+    const start = performance.now();
+    const size = draft ? Math.min(DRAFT, scene.atlas.size) : scene.atlas.size;
+    const sized = { ...scene, atlas: draft ? { ...scene.atlas, raster: size } : scene.atlas };
+    const ground = `${groundOf(scene)} ${size} ${scene.methods.diffusion} ${scene.methods.terms}`;
+    const known = this.grounds.has(ground);
+    const abort = new AbortController();
+    if (!draft || !known) this.final = abort;
+    const progress = (stage: string, fraction: number) =>
+      this.events.badge({ state: "busy", texels: size, ms: performance.now() - start, stage, fraction });
+    if (!known) progress("light", 0);
+    const options = { signal: abort.signal, draft, progress: known ? undefined : progress };
+    const coded = draft && this.bound > 0 && this.image === "diffused";
+    if (coded) {
+      const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * HEADROOM)) / 2;
+      const body = { ...sized, output: { exposure_ev, tonemap: "linear" } };
+      const response = await api.image(body, this.image, { ...options, accept: "image/jpeg" });
+      const texture = await fromBlob(await response.blob(), { srgb: true });
+      texture.userData.scale = 2 ** -exposure_ev;
+      this.events.light(texture, null);
+    } else {
+      const response = await api.image(sized, this.image, { ...options, accept: NPY });
+      const image = parseNpy(await response.arrayBuffer());
+      this.bound = Math.max(rangeOf(image).high, 1e-6);
+      if (!draft) this.values = image;
+      this.events.light(fromHalf(image), draft ? null : image);
+    }
+    this.grounds.add(ground);
+    this.grounds.add(groundOf(scene));
+    const ms = performance.now() - start;
+    this.events.badge({ state: draft ? "draft" : "final", texels: size, ms });
+  }
+
+  /** The maps that the page's own shader uses. */
+  private async showMaps(scene: Omit<Scene, "camera">): Promise<void> {
+    const { albedo, albedo_mode, roughness, specular, normal } = scene.material.surface;
+    const wanted = {
+      albedo: albedo_mode === "pre" ? undefined : albedo,
+      roughnessMap: typeof roughness === "string" ? roughness : undefined,
+      specularMap: typeof specular === "string" ? specular : undefined,
+      normalMap: normal,
+    };
+    for (const [kind, name] of Object.entries(wanted) as [keyof typeof wanted, string | undefined][]) {
+      const spec = name === undefined ? undefined : scene.maps[name];
+      const key = spec ? JSON.stringify(spec) : "";
+      if ((this.maps[kind] ?? "") === key) continue;
+      this.maps[kind] = key;
+      if (!spec || !name) {
+        this.events.map(kind, null);
+        continue;
+      }
+      try {
+        const blob = await api.map({ maps: { [name]: spec } }, name);
+        const texture = await fromBlob(blob, { srgb: (spec.space ?? "linear") === "srgb", tile: true });
+        if (this.maps[kind] === key) this.events.map(kind, texture);
+      } catch (error) {
+        this.maps[kind] = "";
+        if (!(error instanceof Offline)) this.events.problem(error);
+        else await sleep(1000);
+      }
+    }
+  }
+}
+
+/** What the answer of /v1/showing depends on. */
+function placeOf(scene: Baked): string {
+  const { lights, methods, material, media } = scene;
+  const first = material.layers[0].medium;
+  const eta = typeof first === "string" ? (media[first]?.eta ?? media[first]?.preset ?? first) : first;
+  const studio = lights.some((light) => light.type === "studio");
+  const { terms, diffusion } = methods;
+  return JSON.stringify([groundOf(scene), studio ? lights : [], eta, terms, diffusion, material.surface]);
+}
+
+/** What mesh and atlas are made from. */
+function groundOf(scene: { mesh: object; atlas: object }): string {
+  return JSON.stringify([scene.mesh, scene.atlas]);
+}

@@ -1,0 +1,285 @@
+// The layer stack: a card per layer, from the surface inwards.
+
+import { choice, colour, type Control, slider, triple } from "../controls";
+import { h, icon, iconButton } from "../dom";
+import { meanFreePath, toColour } from "../material";
+import { RECIPES, SPOKEN } from "../recipes";
+import { coefficients, type Layer, presetLayer, type State } from "../state";
+import type { Store } from "../store";
+import type { Preset, Triple } from "../types";
+import { CrossSection, swatch } from "./section";
+
+const MOST = 8;
+
+export interface LayersHost {
+  /** Uploads a file and names it as a map; null when it could not. */
+  takeMap(file: File): Promise<string | null>;
+  pickFile(accept: string): Promise<File | null>;
+  announce(text: string): void;
+}
+
+export class LayersPanel {
+  readonly element = h("div", { class: "layers" });
+  readonly section: CrossSection;
+  private readonly cards = h("ol", { class: "cards", "aria-label": "Layers, from the surface inwards" });
+  private controls: Control[] = [];
+  private structure = "";
+  private readonly presets: Map<string, Preset>;
+  private readonly add: HTMLButtonElement;
+  private open = 0;
+
+  constructor(
+    private readonly store: Store,
+    presets: Preset[],
+    private readonly initial: State,
+    private readonly host: LayersHost,
+  ) {
+    this.presets = new Map(presets.map((preset) => [preset.name, preset]));
+    this.section = new CrossSection((index) => this.show(index));
+    this.add = h("button", { type: "button", class: "wide", onclick: () => this.addLayer() }, icon("add"), "Add a layer on top");
+    this.element.append(this.recipes(), this.section.element, this.cards, this.add);
+    this.sync();
+  }
+
+  private recipes(): HTMLElement {
+    const buttons = RECIPES.map((recipe) => {
+      const layers = recipe.layers(this.presets);
+      const dots = h("span", { class: "dot", "aria-hidden": "true" });
+      dots.style.setProperty("--top", swatch(layers[0]));
+      dots.style.setProperty("--bottom", swatch(layers[layers.length - 1]));
+      const act = () => {
+        this.open = 0;
+        this.store.edit((state) => void (state.layers = recipe.layers(this.presets)));
+        this.host.announce(`${recipe.name}: ${recipe.what}`);
+      };
+      return h("button", { type: "button", class: "chip", title: recipe.what, onclick: act }, dots, recipe.name);
+    });
+    return h("div", { class: "chips", role: "group", "aria-label": "Materials to start from" }, ...buttons);
+  }
+
+  private addLayer(): void {
+    this.open = 0;
+    const name = this.store.state.layers.some((layer) => layer.preset === "wholemilk") ? "skin2" : "wholemilk";
+    this.store.edit((state) => void state.layers.unshift(presetLayer(this.presets.get(name)!, 0.2)));
+  }
+
+  private show(index: number): void {
+    this.open = index;
+    this.structure = "";
+    this.sync();
+    this.cards.children[index]?.querySelector<HTMLElement>("select, input")?.focus();
+  }
+
+  sync(): void {
+    const { layers } = this.store.state;
+    const structure = JSON.stringify([layers.map((layer) => [layer.by, layer.muted, layer.thickness_mm === null, layer.thickness_map?.map]), this.open]);
+    if (structure !== this.structure) {
+      this.structure = structure;
+      this.rebuild();
+    } else {
+      for (const control of this.controls) control.sync();
+      layers.forEach((layer, i) => this.cards.children[i]?.querySelector<HTMLElement>(".swatch")?.style.setProperty("--colour", swatch(layer)));
+      this.cards.querySelectorAll<HTMLElement>(".title").forEach((title, i) => void (title.textContent = titleOf(layers[i])));
+    }
+    this.add.hidden = layers.length >= MOST;
+    this.section.draw(layers);
+  }
+
+  private rebuild(): void {
+    const focused = document.activeElement?.id;
+    const { layers } = this.store.state;
+    this.open = Math.min(this.open, layers.length - 1);
+    this.controls = [];
+    this.cards.replaceChildren(...layers.map((layer, index) => this.card(layer, index)));
+    if (focused) document.getElementById(focused)?.focus();
+  }
+
+  private card(layer: Layer, index: number): HTMLElement {
+    const { layers } = this.store.state;
+    const open = index === this.open;
+    const change = (act: (state: State) => void) => () => this.store.edit(act);
+    const number = index + 1;
+    const chip = h("span", { class: "swatch", "aria-hidden": "true" });
+    chip.style.setProperty("--colour", swatch(layer));
+    const toggle = h(
+      "button",
+      { type: "button", class: "card-title", "aria-expanded": String(open), onclick: () => ((this.open = open ? -1 : index), (this.structure = ""), this.sync()) },
+      chip,
+      h("span", { class: "index" }, String(number)),
+      h("span", { class: "title" }, titleOf(layer)),
+    );
+    const mute = iconButton(layer.muted ? "hidden" : "eye", layer.muted ? `Show layer ${number}` : `Hide layer ${number}`, change((state) => void (state.layers[index].muted = !layer.muted)));
+    const heard = layers.filter((one) => !one.muted).length;
+    mute.disabled = !layer.muted && heard < 2;
+    const up = iconButton("up", `Move layer ${number} up`, () => this.move(index, -1));
+    up.disabled = index === 0;
+    const down = iconButton("down", `Move layer ${number} down`, () => this.move(index, 1));
+    down.disabled = index === layers.length - 1;
+    const remove = iconButton("remove", `Remove layer ${number}`, change((state) => this.removeLayer(state, index)));
+    remove.disabled = layers.length < 2;
+    const head = h("div", { class: "card-head" }, toggle, mute, up, down, remove);
+    const card = h("li", { class: `card${layer.muted ? " muted" : ""}${open ? " open" : ""}` }, head);
+    if (open) card.append(this.body(layer, index));
+    this.takeDrops(card, index);
+    return card;
+  }
+
+  private body(layer: Layer, index: number): HTMLElement {
+    const at = (state: State): Layer => state.layers[index] ?? layer;
+    const keep = (control: Control) => (this.controls.push(control), control.element);
+    const first = this.initial.layers[index] ?? layer;
+    const body = h("div", { class: "card-body" });
+    const modes: [Layer["by"], string][] = [
+      ["preset", "A known material"],
+      ["colour", "A colour and a depth"],
+      ["coefficients", "Coefficients"],
+    ];
+    if (layer.by === "given") modes.unshift(["given", "As the scene says"]);
+    body.append(keep(choice(this.store, { label: "Made of", choices: modes, get: (state) => at(state).by, set: (state, by) => this.setMode(at(state), by) })));
+    if (layer.by === "preset") {
+      const choices = [...this.presets.keys()].map((name): [string, string] => [name, SPOKEN[name] ?? name]);
+      const set = (state: State, name: string) =>
+        Object.assign(at(state), { ...presetLayer(this.presets.get(name)!, null), thickness_mm: at(state).thickness_mm, thickness_map: at(state).thickness_map });
+      body.append(keep(choice(this.store, { label: "Material", choices, pointer: `/material/layers/${index}/medium`, get: (state) => at(state).preset, set })));
+    }
+    if (layer.by === "colour") {
+      body.append(keep(colour(this.store, { label: "Colour", get: (state) => at(state).colour, set: (state, value) => void (at(state).colour = value) })));
+      const mean = (state: State) => Math.cbrt(at(state).distance_mm.reduce((product, one) => product * one, 1));
+      const scale = (state: State, value: number) => {
+        const factor = value / mean(state);
+        at(state).distance_mm = at(state).distance_mm.map((one) => one * factor) as Triple;
+      };
+      const label = "Light travels";
+      const hint = "Mean free path: how far light goes before it first scatters";
+      body.append(keep(slider(this.store, { label, hint, unit: "mm", min: 0.01, max: 20, log: true, get: mean, set: scale, initial: () => mean(this.initialFor(index)) })));
+      body.append(keep(triple(this.store, { label: "per colour", unit: "mm", least: 0.001, get: (state) => at(state).distance_mm, set: (state, value) => void (at(state).distance_mm = value) })));
+    }
+    if (layer.by === "coefficients") {
+      const field = (name: "sigma_a" | "sigma_s", label: string) =>
+        keep(triple(this.store, { label, unit: "1/mm", least: 0, pointer: `/media/layer-${index + 1}/${name}_per_mm`, get: (state) => at(state)[name], set: (state, value) => void (at(state)[name] = value) }));
+      body.append(field("sigma_a", "Absorption σₐ"), field("sigma_s", "Scattering σₛ"));
+    }
+    if (layer.by === "colour" || layer.by === "coefficients") {
+      body.append(
+        keep(slider(this.store, { label: "Forward g", hint: "-1: light is thrown back, 0: everywhere alike, 1: straight on", min: -0.95, max: 0.95, get: (state) => at(state).g, set: (state, value) => void (at(state).g = value), initial: () => first.g })),
+        keep(slider(this.store, { label: "Refractive index η", min: 1, max: 2, limits: [1, 3], get: (state) => at(state).eta, set: (state, value) => void (at(state).eta = value), initial: () => first.eta })),
+      );
+    }
+    body.append(this.thickness(layer, index, keep));
+    return body;
+  }
+
+  private initialFor(index: number): State {
+    return this.initial.layers[index]?.by === "colour" ? this.initial : this.store.state;
+  }
+
+  private thickness(layer: Layer, index: number, keep: (control: Control) => HTMLElement): HTMLElement {
+    const at = (state: State): Layer => state.layers[index] ?? layer;
+    const last = index === this.store.state.layers.length - 1;
+    const box = h("div", { class: "thickness" });
+    const initial = () => this.initial.layers[index]?.thickness_mm ?? undefined;
+    if (layer.thickness_map) {
+      const map = layer.thickness_map;
+      const range = (k: 0 | 1, label: string) =>
+        keep(
+          slider(this.store, {
+            label,
+            unit: "mm",
+            min: 0,
+            max: 5,
+            limits: [0, 1000],
+            get: (state) => at(state).thickness_map?.range?.[k] ?? k,
+            set: (state, value) => {
+              const painted = at(state).thickness_map;
+              if (painted) painted.range = (k === 0 ? [value, painted.range?.[1] ?? 1] : [painted.range?.[0] ?? 0, value]) as [number, number];
+            },
+          }),
+        );
+      const invert = h("button", { type: "button", onclick: () => this.store.edit((state) => { const painted = at(state).thickness_map; if (painted) painted.invert = !painted.invert; }) }, map.invert ? "Bright is thin" : "Bright is thick");
+      const drop = h("button", { type: "button", onclick: () => this.store.edit((state) => void (at(state).thickness_map = null)) }, icon("remove"), "Remove the map");
+      box.append(h("p", { class: "note" }, icon("map"), ` Thickness painted in “${map.map}”`), range(0, "Black is"), range(1, "White is"), h("div", { class: "buttons" }, invert, drop));
+      return box;
+    }
+    if (layer.thickness_mm !== null || !last) {
+      box.append(keep(slider(this.store, { label: "Thickness", unit: "mm", min: 0.01, max: 20, limits: [0.0001, 10000], log: true, pointer: `/material/layers/${index}/thickness_mm`, get: (state) => at(state).thickness_mm ?? 1, set: (state, value) => void (at(state).thickness_mm = value), initial })));
+    }
+    const buttons = h("div", { class: "buttons" });
+    if (last) {
+      const endless = layer.thickness_mm === null;
+      const set = () => this.store.edit((state) => void (at(state).thickness_mm = endless ? 1 : null));
+      buttons.append(h("button", { type: "button", "aria-pressed": String(endless), onclick: set }, "Goes on without end"));
+    }
+    const pick = async () => {
+      const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");
+      if (file) await this.takeThickness(file, index);
+    };
+    buttons.append(h("button", { type: "button", title: "Or drop an image on this card", onclick: pick }, icon("map"), "Paint it: map…"));
+    box.append(buttons);
+    return box;
+  }
+
+  private async takeThickness(file: File, index: number): Promise<void> {
+    const name = await this.host.takeMap(file);
+    if (!name) return;
+    this.store.edit((state) => {
+      const layer = state.layers[index];
+      if (layer) layer.thickness_map = { map: name, range: [0.02, layer.thickness_mm ?? 2], invert: false };
+    });
+  }
+
+  private takeDrops(card: HTMLElement, index: number): void {
+    card.addEventListener("dragover", (event) => {
+      event.preventDefault();
+      card.classList.add("drop");
+    });
+    card.addEventListener("dragleave", () => card.classList.remove("drop"));
+    card.addEventListener("drop", (event) => {
+      card.classList.remove("drop");
+      const file = event.dataTransfer?.files[0];
+      if (!file || !/\.(png|jpe?g|webp|exr|hdr)$/i.test(file.name)) return;
+      event.preventDefault();
+      event.stopPropagation();
+      void this.takeThickness(file, index);
+    });
+  }
+
+  private setMode(layer: Layer, by: Layer["by"]): void {
+    const now = coefficients(layer); // the same medium, told in another way
+    layer.sigma_a = now.sigma_a;
+    layer.sigma_s = now.sigma_s;
+    layer.colour = toColour(now.sigma_a, now.sigma_s, layer.g);
+    layer.distance_mm = meanFreePath(now.sigma_a, now.sigma_s);
+    layer.by = by;
+    if (by === "preset") Object.assign(layer, { ...presetLayer(this.presets.get(layer.preset)!, null), thickness_mm: layer.thickness_mm, thickness_map: layer.thickness_map });
+  }
+
+  private move(index: number, by: number): void {
+    this.open = index + by;
+    this.store.edit((state) => {
+      const [layer] = state.layers.splice(index, 1);
+      state.layers.splice(index + by, 0, layer);
+      this.mendEnds(state);
+    });
+  }
+
+  private removeLayer(state: State, index: number): void {
+    const [gone] = state.layers.splice(index, 1);
+    const last = state.layers[state.layers.length - 1];
+    if (gone.thickness_mm === null && !gone.thickness_map && !last.thickness_map) last.thickness_mm = null;
+  }
+
+  /** The last layer alone may be endless, and is where one was. */
+  private mendEnds(state: State): void {
+    const endless = state.layers.some((layer) => layer.thickness_mm === null && !layer.thickness_map);
+    state.layers.forEach((layer, i) => {
+      const last = i === state.layers.length - 1;
+      if (!last && layer.thickness_mm === null) layer.thickness_mm = 1;
+      if (last && endless && !layer.thickness_map) layer.thickness_mm = null;
+    });
+  }
+}
+
+function titleOf(layer: Layer): string {
+  const name = layer.by === "preset" ? (SPOKEN[layer.preset] ?? layer.preset) : { colour: "Own colour", coefficients: "Own coefficients", given: "As the scene says" }[layer.by];
+  return name;
+}

@@ -1,0 +1,125 @@
+// What is undone, shared and saved: the scene as the panels see it, and the way to and from the service's.
+
+import { fromColour, meanFreePath, toColour } from "./material";
+import type { LayerSpec, MapValue, MediumSpec, Preset, Scene, Triple } from "./types";
+
+/** A layer as its card shows it. */
+export interface Layer {
+  /** Which of the fields below say what it is made of; `given`: as `medium` says, unknown to the card. */
+  by: "preset" | "colour" | "coefficients" | "given";
+  preset: string;
+  colour: Triple;
+  distance_mm: Triple;
+  sigma_a: Triple;
+  sigma_s: Triple;
+  g: number;
+  eta: number;
+  medium?: LayerSpec["medium"];
+  /** null: without end. */
+  thickness_mm: number | null;
+  thickness_map: MapValue | null;
+  muted: boolean;
+}
+
+/** A scene without its camera. */
+export interface State extends Omit<Scene, "material" | "camera" | "version"> {
+  layers: Layer[];
+  surface: Scene["material"]["surface"];
+}
+
+const triple = (value: number | Triple | number[]): Triple =>
+  (Array.isArray(value) ? (value.length === 3 ? value : [value[0], value[0], value[0]]) : [value, value, value]) as Triple;
+
+/** A layer made of a preset. */
+export function presetLayer(preset: Preset, thickness_mm: number | null): Layer {
+  const sigma_a = triple(preset.sigma_a_per_mm);
+  const sigma_s = triple(preset.sigma_s_per_mm);
+  const g = triple(preset.g)[0];
+  return {
+    by: "preset",
+    preset: preset.name,
+    colour: toColour(sigma_a, sigma_s, g),
+    distance_mm: meanFreePath(sigma_a, sigma_s),
+    sigma_a,
+    sigma_s,
+    g,
+    eta: preset.eta,
+    thickness_mm,
+    thickness_map: null,
+    muted: false,
+  };
+}
+
+/** Coefficients [1/mm] of a layer as it stands. */
+export function coefficients(layer: Layer): { sigma_a: Triple; sigma_s: Triple } {
+  return layer.by === "colour"
+    ? fromColour(layer.colour, layer.distance_mm, layer.g)
+    : { sigma_a: layer.sigma_a, sigma_s: layer.sigma_s };
+}
+
+/** The state of a scene of the service. */
+export function fromScene(scene: Scene, presets: Preset[]): State {
+  const { material, camera: _camera, version: _version, ...rest } = structuredClone(scene);
+  const layers = material.layers.map((spec) => layerOf(spec, scene.media ?? {}, presets));
+  return { ...rest, maps: rest.maps ?? {}, media: rest.media ?? {}, layers, surface: material.surface };
+}
+
+function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Preset[]): Layer {
+  const named = (name: string) => presets.find((preset) => preset.name === name);
+  const thickness = spec.thickness_mm ?? null;
+  const painted = typeof thickness === "object" ? thickness : null;
+  const number = typeof thickness === "number" ? thickness : painted ? (painted.range ?? [0, 1])[1] : null;
+  const base = { ...presetLayer(named("skin1") ?? presets[0], number), thickness_map: painted };
+  if (typeof spec.medium !== "string") return { ...base, by: "given", medium: spec.medium };
+  const medium = media[spec.medium];
+  const preset = named(medium?.preset ?? spec.medium);
+  if (preset && (!medium || medium.preset)) return { ...presetLayer(preset, number), thickness_map: painted };
+  const { sigma_a_per_mm: a, sigma_s_per_mm: s, g = 0, eta = 1.3 } = medium ?? {};
+  const plain = (value: unknown): value is number | Triple => typeof value === "number" || Array.isArray(value);
+  if (!plain(a) || !plain(s)) return { ...base, by: "given", medium: spec.medium };
+  const [sigma_a, sigma_s, one] = [triple(a), triple(s), triple(g)[0]];
+  const look = { colour: toColour(sigma_a, sigma_s, one), distance_mm: meanFreePath(sigma_a, sigma_s) };
+  return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta };
+}
+
+/** The scene that the service understands, but for its camera: layers that are muted are left out. */
+export function toScene(state: State): Omit<Scene, "camera"> {
+  const { layers, surface, ...rest } = structuredClone(state);
+  const heard = layers.filter((layer) => !layer.muted);
+  const media: Record<string, MediumSpec> = {};
+  for (const [name, medium] of Object.entries(state.media)) {
+    const used = heard.some((layer) => layer.by === "given" && JSON.stringify(layer.medium).includes(`"${name}"`));
+    if (used) media[name] = medium;
+  }
+  const specs = heard.map((layer, i): LayerSpec => {
+    let medium: LayerSpec["medium"] = layer.preset;
+    if (layer.by === "given") medium = layer.medium!;
+    else if (layer.by !== "preset") {
+      const { sigma_a, sigma_s } = coefficients(layer);
+      medium = `layer-${i + 1}`;
+      media[medium] = { sigma_a_per_mm: sigma_a, sigma_s_per_mm: sigma_s, g: layer.g, eta: layer.eta };
+    }
+    const last = i === heard.length - 1;
+    const finite = layer.thickness_mm ?? 1;
+    return { medium, thickness_mm: layer.thickness_map ?? (last ? layer.thickness_mm : finite) };
+  });
+  return { version: 1, ...rest, media, material: { layers: specs, surface } };
+}
+
+/** What the baked light depends on: what the page's own shader does is left out. */
+export function bakedPart(scene: Omit<Scene, "camera">): Omit<Scene, "camera" | "output"> {
+  const { output: _output, ...rest } = scene;
+  const { albedo, albedo_mode, normalise, normal, normal_y } = scene.material.surface;
+  const lights = rest.lights;
+  const used = new Set<string>(
+    JSON.stringify([rest.material.layers, rest.media, rest.lights, albedo, normal]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
+  );
+  const maps = Object.fromEntries(Object.entries(rest.maps).filter(([name]) => used.has(name)));
+  const surface = strip({ albedo, albedo_mode, normalise, normal, normal_y });
+  return { ...rest, lights, maps, material: { layers: rest.material.layers, surface } };
+}
+
+/** The object without fields that are undefined. */
+export function strip<T extends object>(value: T): T {
+  return Object.fromEntries(Object.entries(value).filter(([, one]) => one !== undefined)) as T;
+}

@@ -1,0 +1,79 @@
+// The sun in the picture: where the light comes from, to be dragged.
+
+import { Vector3 } from "three";
+import { h, icon, s } from "../dom";
+import type { Viewer } from "./viewer";
+
+const REACH = 1.18; // of the object's radius: where the sun hangs
+const MARGIN = 26;
+
+export class LightHandle {
+  private readonly line = s("line");
+  private readonly svg = s("svg", { class: "light-line", "aria-hidden": "true" }, this.line);
+  readonly button = h("button", { type: "button", class: "light-handle", title: "Drag to move the light" }, icon("sun"));
+  private direction: Vector3 | null = null;
+
+  constructor(
+    overlay: HTMLElement,
+    private readonly viewer: Viewer,
+    events: { turn(yaw: number, pitch: number): void; done(): void },
+  ) {
+    this.button.setAttribute("aria-label", "Light: drag it, or use the arrow keys");
+    overlay.append(this.svg as unknown as Node, this.button);
+    let last: { x: number; y: number } | null = null;
+    this.button.addEventListener("pointerdown", (event) => {
+      event.stopPropagation();
+      this.button.setPointerCapture(event.pointerId);
+      last = { x: event.clientX, y: event.clientY };
+    });
+    this.button.addEventListener("pointermove", (event) => {
+      if (!last) return;
+      const speed = Math.PI / Math.min(overlay.clientWidth, overlay.clientHeight);
+      events.turn((event.clientX - last.x) * speed, (event.clientY - last.y) * speed);
+      last = { x: event.clientX, y: event.clientY };
+    });
+    for (const end of ["pointerup", "pointercancel"] as const)
+      this.button.addEventListener(end, () => {
+        if (last) events.done();
+        last = null;
+      });
+    this.button.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      event.stopPropagation();
+      events.turn(step[0] * 0.12, step[1] * 0.12);
+      events.done();
+    });
+  }
+
+  /** Where the light comes from; null: from everywhere, which needs no sun. */
+  set(direction: Vector3 | null): void {
+    this.direction = direction;
+    this.place();
+  }
+
+  place(): void {
+    const shown = this.direction !== null && this.viewer.uniforms.unfold.value === 0;
+    this.button.hidden = !shown;
+    this.svg.toggleAttribute("hidden", !shown);
+    if (!this.direction || !shown) return;
+    const { centre, radius } = this.viewer;
+    const { clientWidth: width, clientHeight: height } = this.viewer.canvas;
+    const at = this.viewer.project(centre.clone().addScaledVector(this.direction, REACH * radius));
+    const middle = this.viewer.project(centre);
+    const x = Math.min(Math.max(at.x, MARGIN), width - MARGIN);
+    const y = Math.min(Math.max(at.y, MARGIN), height - MARGIN);
+    this.button.style.transform = `translate(${x}px, ${y}px)`;
+    this.button.classList.toggle("behind", !at.front);
+    this.svg.classList.toggle("behind", !at.front);
+    const length = Math.hypot(middle.x - x, middle.y - y);
+    const from = Math.min(24 / Math.max(length, 1), 1);
+    const to = Math.max(0.45, from);
+    const set = (name: string, value: number) => this.line.setAttribute(name, value.toFixed(1));
+    set("x1", x + (middle.x - x) * from);
+    set("y1", y + (middle.y - y) * from);
+    set("x2", x + (middle.x - x) * to);
+    set("y2", y + (middle.y - y) * to);
+  }
+}

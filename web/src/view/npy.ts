@@ -1,0 +1,67 @@
+// NumPy's .npy as the service sends it: half floats (H, W, C), C order.
+
+export interface HalfImage {
+  width: number;
+  height: number;
+  channels: number;
+  /** Half-float bits, row-major. */
+  data: Uint16Array;
+}
+
+/** The image in the bytes of a .npy. Throws when it is anything else. */
+export function parseNpy(buffer: ArrayBuffer): HalfImage {
+  const view = new DataView(buffer);
+  if (view.getUint32(0) !== 0x934e554d || view.getUint16(4) !== 0x5059) throw new Error("not an .npy file");
+  const length = view.getUint16(8, true);
+  const header = new TextDecoder("latin1").decode(new Uint8Array(buffer, 10, length));
+  const shape = /'shape': \((\d+), (\d+), (\d+)\)/.exec(header);
+  if (!header.includes("'<f2'") || !header.includes("False") || !shape) throw new Error("not a half-float image");
+  const [height, width, channels] = shape.slice(1).map(Number);
+  return { width, height, channels, data: new Uint16Array(buffer, 10 + length) };
+}
+
+const TABLE = new Float32Array(65536);
+for (let bits = 0; bits < 65536; bits++) {
+  const exponent = (bits >> 10) & 31;
+  const fraction = bits & 1023;
+  const size = exponent === 0 ? fraction * 2 ** -24 : (1 + fraction / 1024) * 2 ** (exponent - 15);
+  TABLE[bits] = exponent === 31 ? NaN : bits & 0x8000 ? -size : size;
+}
+
+/** The number that half-float bits stand for. */
+export const half = (bits: number): number => TABLE[bits];
+
+const ONE = 0x3c00;
+
+/** The image as RGBA half floats; grey goes into all colours. */
+export function rgba(image: HalfImage): Uint16Array {
+  const { data, channels } = image;
+  const count = image.width * image.height;
+  const out = new Uint16Array(count * 4);
+  for (let i = 0, from = 0, to = 0; i < count; i++, from += channels, to += 4) {
+    out[to] = data[from];
+    out[to + 1] = channels > 1 ? data[from + 1] : data[from];
+    out[to + 2] = channels > 2 ? data[from + 2] : data[from];
+    out[to + 3] = ONE;
+  }
+  return out;
+}
+
+/** Least and greatest value, and the greatest but for a thousandth of the pixels. */
+export function rangeOf(image: HalfImage): { low: number; high: number; most: number } {
+  const { data } = image;
+  let low = Infinity;
+  let high = -Infinity;
+  for (const bits of data) {
+    const value = TABLE[bits];
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  // positive halves sort as their bits do
+  const counts = new Uint32Array(0x7c00);
+  for (const bits of data) if (bits < 0x7c00) counts[bits]++;
+  let left = data.length / 1000;
+  let most = 0x7bff;
+  while (most > 0 && (left -= counts[most]) > 0) most--;
+  return { low, high, most: TABLE[most] };
+}
