@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from texsss.baker import Baker, bake
-from texsss.errors import AssetError, Cancelled, ShapeError, Unavailable
+from texsss.errors import AssetError, Cancelled, DomainError, ShapeError, Unavailable
 from texsss.io.images import write_png
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
@@ -194,8 +194,8 @@ def test_maps_need_texture_coordinates(tmp_path, small):
 
 
 def test_methods_to_come_are_refused_by_name(small):
-    with pytest.raises(Unavailable, match="octree"):
-        bake(Scene.parse({**small, "methods": {"diffusion": "octree"}}))
+    with pytest.raises(Unavailable, match="parallax"):
+        bake(Scene.parse({**small, "methods": {"diffusion": "parallax"}}))
 
 
 def test_unknown_builtin_lists_the_choices(small):
@@ -229,3 +229,95 @@ def test_march_takes_the_place_of_what_profiles_no_longer_hold(small):
         mean[method] = picture.mean((0, 1))
     # single scattering leaves unevenly; counted twice it would add 16 to 45 %
     torch.testing.assert_close(mean["exact"], mean["none"], rtol=0.12, atol=0)
+
+
+def plain(small: dict, **methods) -> Scene:
+    """The torus of one medium, lit from above, by some methods."""
+    bare = {name: part for name, part in small.items() if name not in ("maps", "material")}
+    sky = [{"type": "directional", "direction": [0.0, 1.0, 0.0]}]
+    return Scene.parse({**bare, "lights": sky, "methods": methods})
+
+
+def test_octree_agrees_with_the_bank(small):
+    """Two ways to the same light that share nothing but the profile, within 2 % of the RMS."""
+    bank = bake(plain(small, diffusion="surface"))
+    tree = bake(plain(small, diffusion="octree", octree={"spacing_mm": 1.0}))
+    found, expected = (x.texel_exitance[x.texels.covered] for x in (tree, bank))
+    # measured 1.0 %
+    assert float((found - expected).norm() / expected.norm()) < 0.02
+
+
+def test_octree_sums_at_texels_or_at_hits(small):
+    pictures = [
+        bake(plain(small, diffusion="octree", octree={"spacing_mm": 2.0, "receivers": receivers})).picture
+        for receivers in ("texels", "hits")
+    ]
+    difference = pictures[0] - pictures[1]
+    # texels of 3 mm are blurrier than hits; measured 1.2 %
+    assert float(difference.norm() / pictures[1].norm()) < 0.03
+
+
+def test_light_passes_through_thin_parts_alone(small):
+    """With transmission the torus' dark side is lit as far as 40 mm let pass, and energy isn't made."""
+    thin = {**small, "mesh": {**small["mesh"], "unit_mm": 0.1}}  # a tube of 4 mm
+    for method in ("uv", "surface", "octree"):
+        without, through = (bake(plain(thin, diffusion=method, transmission=on)) for on in (False, True))
+        below = through.texels.points.normal(through.texels.mesh)[:, 1] < -0.9
+        gained = float(through.texel_exitance[below, 0].mean() - without.texel_exitance[below, 0].mean())
+        if method == "uv":
+            assert gained > 0.05 * float(through.texel_irradiance.max())
+        assert float(through.texel_exitance[below, 0].mean()) > 0.1
+        energy = through.report["energy"]
+        assert all(out < into for out, into in zip(energy["left_w"], energy["entered_w"], strict=True))
+
+
+def test_thick_objects_let_nothing_through(small):
+    """A torus of 40 mm is the same with transmission, but for its curvature."""
+    with_it, without = (bake(plain(small, transmission=on, diffusion="uv")) for on in (True, False))
+    torch.testing.assert_close(with_it.texel_exitance, without.texel_exitance, rtol=0.01, atol=2e-3)
+
+
+def test_albedo_scales_what_passes(small):
+    """Black paint lets nothing out, whichever way light came."""
+    baked = bake(Scene.parse({**small, "methods": {"transmission": True}}))
+    assert bool(torch.isfinite(baked.texel_exitance).all())
+    share = baked.weights.table.sum(1)
+    assert float(share.max()) <= 1.0 + 1e-4
+
+
+def test_poisson_keeps_the_total(small):
+    baked = bake(plain(small, diffusion="poisson"))
+    energy = baked.report["energy"]
+    for out, into, total in zip(energy["left_w"], energy["entered_w"], baked.weights.total[0].tolist()):
+        assert out / into == pytest.approx(total, rel=0.02)
+    assert len(baked.weights.variances) == 1
+    wide = bake(plain(small, diffusion="poisson", poisson={"radius_mm": 30.0}))
+    assert float(wide.texel_exitance.std()) < float(baked.texel_exitance.std())
+
+
+def test_octree_stops_and_says_how_far_it_is(small):
+    seen, baker, scene = [], Baker(), plain(small, diffusion="octree", octree={"spacing_mm": 2.0})
+    with pytest.raises(Cancelled):
+        baker.bake(scene, progress=lambda name, _: seen.append(name), cancel=lambda: "octree" in seen)
+    heard = []
+    baker.bake(scene, progress=lambda *said: heard.append(said))
+    shares = [share for name, share in heard if name == "octree"]
+    assert {name for name, _ in heard} <= STAGE_VERSIONS.keys() and len(shares) > 2
+
+
+@pytest.mark.parametrize(
+    ("methods", "said"),
+    [
+        ({"diffusion": "octree", "octree": {"epsilon": 0.0}}, "epsilon"),
+        ({"diffusion": "octree", "octree": {"spacing_mm": -1.0}}, "spacing_mm"),
+        ({"diffusion": "octree", "octree": {"spacing_mm": 1e-4}}, "try a spacing of"),
+        ({"diffusion": "octree", "octree": {"receivers": "pixels"}}, "receivers"),
+        ({"diffusion": "poisson", "poisson": {"taps": 0}}, "taps"),
+        ({"diffusion": "poisson", "poisson": {"radius_mm": 0.0}}, "radius_mm"),
+        ({"diffusion": "poisson", "poisson": {"passes": 1.5}}, "passes"),
+        ({"transmission": "perhaps"}, "transmission"),
+    ],
+)
+def test_bad_methods_are_answered(small, methods, said):
+    with pytest.raises(DomainError, match=said):
+        bake(plain(small, **methods))

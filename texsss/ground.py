@@ -5,6 +5,7 @@ from functools import cached_property
 from texsss import resolve
 from texsss.cache import Kept, StageCache
 from texsss.errors import DomainError, ShapeError
+from texsss.light.thickness import far_side
 from texsss.light.visibility import Occluder
 from texsss.scene import Scene
 from texsss.stages import Stages
@@ -67,6 +68,16 @@ class Ground(Stages):
             return texels
 
         return self.stage("texels", make, self.atlas, size)
+
+    @cached_property
+    def far_side(self) -> Kept:
+        """What lies opposite the texels, straight through the object."""
+        (mesh, _), texels, occluder = self.mesh.value, self.texels.value, self.occluder.value
+
+        def make():
+            return far_side(texels.points, mesh, occluder, **self.hooks("thickness"))
+
+        return self.stage("thickness", make, self.texels)
 
     # maps
 

@@ -10,6 +10,8 @@ from texsss.errors import DomainError
 from texsss.numerics.sampling import bilinear
 from texsss.pipeline import Run
 from texsss.specs import INTERMEDIATES
+from texsss.surface.metric import face_stretch
+from texsss.surface.topology import seams
 from texsss.types import Float, Tensor
 from texsss.view.picture import picture
 
@@ -18,16 +20,20 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     """An intermediate result over the atlas, dilated to the full square.
 
     irradiance, exitance [W/m²], radiance [W/(m² sr)], albedo; diffused: exitance before the albedo that
-    applies after diffusion; position [mm], normal; texel-mm: edge of a texel [mm]; coverage: 1 on the
-    surface; gaussian-N: the light blurred by the N-th Gaussian [W/m²]; weight-N: its share; thickness-N:
-    of the N-th layer [mm], 0 where it has no end. `single` alone lies over the picture: radiance of light
-    that was scattered once. Raises DomainError: for another name, more Gaussians or layers than there
-    are, or `single` of a scene that does not march.
+    applies after diffusion; position [mm], normal; texel-mm: edge of a texel [mm]; metric: its
+    longest and shortest extent [mm] and their ratio; through-mm: how thick the object is [mm], 0 without a
+    far side; seam-jump: by how much exitance differs across seams [W/m²], at their texels alone;
+    coverage: 1 on the surface; gaussian-N: the light blurred by the N-th Gaussian [W/m²]; weight-N: its
+    share; thickness-N: of the N-th layer [mm], 0 where it has no end. `single` alone lies over the
+    picture: radiance of light that was scattered once.
+    Raises DomainError: for another name, more Gaussians or layers than there are, or `single` of a scene
+    that does not march.
     """
     if not re.fullmatch(INTERMEDIATES, name):
         raise DomainError(
             f"intermediate: expected irradiance, diffused, exitance, radiance, single, coverage, albedo, "
-            f"position, normal, texel-mm, gaussian-N, weight-N or thickness-N, got {name!r}."
+            f"position, normal, texel-mm, metric, through-mm, seam-jump, gaussian-N, weight-N or "
+            f"thickness-N, got {name!r}."
         )
     kind, _, number = name.partition("-")
     if kind in ("gaussian", "weight"):
@@ -90,6 +96,39 @@ def _texel_mm(run: Run) -> Float[Tensor, "H W 1"]:
     return run.baked().image(area.sqrt().to(texels.area)[:, None])
 
 
+def _metric(run: Run) -> Float[Tensor, "H W 3"]:
+    texels = run.texels.value
+    longest, shortest = face_stretch(texels.mesh, texels.atlas_uv, texels.size).unbind(-1)
+    ratio = torch.where(shortest > 0, longest / torch.where(shortest > 0, shortest, 1), 0)
+    faces = torch.stack([longest, shortest, ratio], -1).to(texels.area)
+    return run.baked().image(faces[texels.points.face.long()])
+
+
+def _through_mm(run: Run) -> Float[Tensor, "H W 1"]:
+    far = run.far_side.value
+    return run.baked().image(torch.where(far.found, far.thickness, 0)[:, None])
+
+
+def _seam_jump(run: Run) -> Float[Tensor, "H W 1"]:
+    texels, (height, width) = run.texels.value, run.texels.value.size
+    sides = seams(texels.mesh.faces, texels.atlas_uv)
+    values = texels.to_image(run.exitance)
+    # two places per texel of the longer side
+    length = ((sides[:, :, 1] - sides[:, :, 0]) * sides.new_tensor([width, height])).norm(dim=-1).amax(1)
+    count = (2 * length).ceil().clamp_min(1).long()
+    edge = torch.arange(len(sides)).repeat_interleave(count)
+    along = torch.arange(len(edge)) - (count.cumsum(0) - count).repeat_interleave(count)
+    along = ((along + 0.5) / count[edge])[:, None]
+    uv = [torch.lerp(sides[edge, side, 0], sides[edge, side, 1], along) for side in (0, 1)]
+    jump = (bilinear(values, uv[0]) - bilinear(values, uv[1])).abs().amax(1)
+    image = values.new_zeros(height * width)
+    for place in uv:
+        column, row = (place * place.new_tensor([width, height])).long().unbind(1)
+        texel = row.clamp(0, height - 1) * width + column.clamp(0, width - 1)
+        image = image.scatter_reduce(0, texel, jump, "amax")
+    return image.reshape(height, width, 1)
+
+
 _NAMED: dict[str, Callable[[Run], Tensor]] = {
     "irradiance": lambda run: run.baked().irradiance,
     "diffused": lambda run: run.baked().image(run.diffused("total").value),
@@ -101,4 +140,7 @@ _NAMED: dict[str, Callable[[Run], Tensor]] = {
     "position": lambda run: run.baked().image(run.texels.value.points.position(run.mesh.value[0])),
     "normal": lambda run: run.baked().image(run.texels.value.points.normal(run.mesh.value[0])),
     "texel-mm": _texel_mm,
+    "metric": _metric,
+    "through-mm": _through_mm,
+    "seam-jump": _seam_jump,
 }

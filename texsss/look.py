@@ -26,7 +26,7 @@ def shader(
     images: Images,
     mesh: Mesh,
     atlas_uv: Float[Tensor, "F 3 2"],
-    exitance: Float[Tensor, "H W 3"],
+    exitance: Float[Tensor, "H W 3"] | Callable[[Hits], Tensor],
     lights: Sequence[Light],
     *,
     eta: float,
@@ -36,7 +36,8 @@ def shader(
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to radiance (P, 3) [W/(m² sr)] that `view.picture` asks for.
 
-    `exitance` [W/m²]: an image over the atlas, before the albedo that applies after diffusion.
+    `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
+    diffusion.
     `images`: the maps that `surface` names. `single`: radiance of light scattered once, to be added.
     """
     albedo = None
@@ -52,7 +53,7 @@ def shader(
             hits,
             mesh,
             atlas_uv,
-            exitance,
+            exitance if isinstance(exitance, Tensor) else exitance(hits),
             tuple(lights),
             eta=eta,
             gloss=Gloss(grey(surface.roughness), grey(surface.specular), surface.second_lobe),

@@ -1,5 +1,6 @@
 """What the object is made of: maps of its surface, layers, and the weights of the Gaussians in them."""
 
+import math
 from dataclasses import replace
 from functools import cached_property
 
@@ -8,10 +9,16 @@ import torch
 from texsss import resolve
 from texsss.cache import Kept, content_key
 from texsss.ground import Ground
+from texsss.light.thickness import FarSide
 from texsss.look import map_names, painted, share_of
+from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.project import variance_ladder
-from texsss.profiles.weights import weights_for
+from texsss.profiles.through import weights_through
+from texsss.profiles.weights import Weights, weights_for
+from texsss.surface.points import Points
 from texsss.types import Float, Tensor
+
+SOME = 1024  # texels at which a varying material is averaged
 
 
 class Matter(Ground):
@@ -47,41 +54,106 @@ class Matter(Ground):
         return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
 
     @cached_property
+    def ladder(self) -> Float[Tensor, " K"]:
+        """Variances that serve every material on this object and atlas [mm²]."""
+        texels = self.texels.value
+        return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, self.scene.methods.terms)
+
+    @cached_property
     def variances(self) -> Float[Tensor, " K"]:
-        """The ladder [mm²]; the identity alone when nothing diffuses."""
-        texels, methods = self.texels.value, self.scene.methods
+        """The ladder [mm²]; the identity alone when nothing diffuses, one width for a Poisson disc."""
+        methods = self.scene.methods
         if methods.diffusion == "none":
             return torch.zeros(1)
-        return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, methods.terms)
+        if methods.diffusion == "poisson":
+            return torch.tensor([self._disc_variance()], dtype=torch.float64)
+        return self.ladder
+
+    def _disc_variance(self) -> float:
+        """Variance of the Poisson blur [mm²]: as asked, or that within which half the light comes back."""
+        asked, texels = self.scene.methods.poisson.radius_mm, self.texels.value
+        if asked is not None:
+            return asked**2 / 4  # of a disc, per axis
+        some = texels.points[:: max(len(texels) // SOME, 1)]
+        mean = self._solved(some, self.ladder, "total").at().mean(0).double()
+        half = GaussianSum(self.ladder, mean).radius(0.5).mean()
+        return max(float(half) ** 2 / (2 * math.log(2)), texels.texel_mm**2)
 
     def profile(self, scattering: str) -> Kept:
-        """Weights of the ladder at the texels, as the media have them."""
-        texels, methods, stack = self.texels.value, self.scene.methods, self.stack.value
-        model, incidence = methods.profile, methods.incidence
-
-        def make():
-            return weights_for(
-                stack,
-                self.variances,
-                points_uv=texels.points.uv(self.source_uv) if stack.varies else None,
-                points=len(texels),
-                model=model,
-                scattering=scattering,
-                incidence=incidence,
-                **self.hooks("weights"),
-            )
-
-        depends = self.stack, self.texels, self.variances, model, scattering, incidence
-        return self.stage("weights", make, *depends)
+        """Weights of the Gaussians at the texels, as the media have them."""
+        texels = self.texels.value
+        make = lambda: self._solved(texels.points, self.variances, scattering)  # noqa: E731
+        return self.stage("weights", make, *self._profile_key(scattering))
 
     def weights(self, scattering: str) -> Kept:
         """Weights that pictures use: of total 1 where an albedo map says how much comes back."""
+        if self.scene.methods.transmission:
+            both = self._both_sides(scattering)
+            return Kept(both.value[0], f"{both.key} back")
         made = self.profile(scattering)
         if not self.normalised:
             return made
         total = self.profile("total")
         table = made.value.table * share_of(total.value.table.sum(1, keepdim=True))
         return Kept(replace(made.value, table=table), f"{made.key} of {total.key}")
+
+    @cached_property
+    def passed(self) -> Kept | None:
+        """Weights of light that comes through from the far side; None unless asked for."""
+        if not self.scene.methods.transmission:
+            return None
+        both = self._both_sides("total")
+        return Kept(both.value[1], f"{both.key} passed")
+
+    def _both_sides(self, scattering: str) -> Kept:
+        texels, far = self.texels.value, self.far_side
+
+        def make():
+            return self.weights_at(texels.points, scattering, far.value)
+
+        return self.stage("weights", make, *self._profile_key(scattering), far, int(self.normalised))
+
+    def weights_at(
+        self, points: Points, scattering: str, far: FarSide | None
+    ) -> tuple[Weights, Weights | None]:
+        """Weights at points of the surface, of what comes back and, given its far side, of what passes."""
+        if far is None:
+            back, passed = self._solved(points, self.variances, scattering), None
+        else:
+            methods, stack = self.scene.methods, self.stack.value
+            back, passed = weights_through(
+                stack,
+                self.variances,
+                far.thickness,
+                points_uv=points.uv(self.source_uv) if stack.varies else None,
+                model=methods.profile,
+                scattering=scattering,
+                incidence=methods.incidence,
+                **self.hooks("weights"),
+            )
+        if not self.normalised:
+            return back, passed
+        total = self._solved(points, self.variances, "total")
+        share = share_of(total.table.sum(1))
+        return back.scaled(share, total.row), None if passed is None else passed.scaled(share, total.row)
+
+    def _solved(self, points: Points, variances: Tensor, scattering: str) -> Weights:
+        """Weights at points, as the media have them, however thick the object is."""
+        methods, stack = self.scene.methods, self.stack.value
+        return weights_for(
+            stack,
+            variances,
+            points_uv=points.uv(self.source_uv) if stack.varies else None,
+            points=len(points),
+            model=methods.profile,
+            scattering=scattering,
+            incidence=methods.incidence,
+            **self.hooks("weights"),
+        )
+
+    def _profile_key(self, scattering: str) -> tuple:
+        methods = self.scene.methods
+        return self.stack, self.texels, self.variances, methods.profile, scattering, methods.incidence
 
     @property
     def normalised(self) -> bool:

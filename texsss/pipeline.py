@@ -13,11 +13,8 @@ from typing import Literal
 
 from texsss import placing
 from texsss.cache import Kept
-from texsss.light.emitters import Light
-from texsss.light.irradiance import irradiance_at
-from texsss.light.sites import sites_at
-from texsss.look import bumped, scattered_once, shader, share_of
-from texsss.matter import Matter
+from texsss.hierarchy import Hierarchy
+from texsss.look import scattered_once, shader, share_of
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
@@ -26,6 +23,8 @@ from texsss.transport.budget import affordable
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
 from texsss.transport.operators import surface_operators
+from texsss.transport.poisson import diffuse_poisson
+from texsss.transport.through import Across, on_one_side, transmitted
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import picture
@@ -35,7 +34,7 @@ BUDGET_BYTES = 6e9  # for the operators of surface diffusion
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
-class Run(Matter):
+class Run(Hierarchy):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
     @property
@@ -50,48 +49,7 @@ class Run(Matter):
             said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
         return [*said, *notes.messages, *self.atlas.value.report.messages]
 
-    # light
-
-    @cached_property
-    def panoramas(self) -> dict[str, Kept]:
-        """Images that light the scene, by name."""
-        return {name: self.image(name) for name in sorted(self.scene.panoramas())}
-
-    @cached_property
-    def lights(self) -> list[Light]:
-        images = {name: kept.value for name, kept in self.panoramas.items()}
-        return placing.lights(self.scene, self.mesh.value[0], images)
-
-    @property
-    def lights_key(self) -> tuple:
-        """Everything that the lights are made from."""
-        return self.scene.lights, self.panoramas
-
-    @cached_property
-    def sites(self) -> Kept:
-        """Where light arrives at the texels."""
-        (mesh, _), texels, surface = self.mesh.value, self.texels.value, self.scene.material.surface
-        bump = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal]}
-
-        def make():
-            images = {name: kept.value for name, kept in bump.items()}
-            return sites_at(texels.points, mesh, bumped(surface, images, texels.points, mesh))
-
-        return self.stage("sites", make, self.texels, bump, surface.normal_y)
-
-    @cached_property
-    def irradiance(self) -> Kept:
-        """Entered irradiance at the texels (P, 3) [W/m²]."""
-        sites, eta, lights, seed = self.sites, self.stack.value.eta, self.lights, self.scene.seed
-        look = {
-            "occluder": self.occluder.value,
-            "environment_samples": placing.environment_samples(self.scene),
-        }
-
-        def make():
-            return irradiance_at(sites.value, lights, eta=eta, seed=seed, **look, **self.hooks("light"))
-
-        return self.stage("light", make, sites, self.lights_key, eta, seed)
+    # diffusion
 
     @cached_property
     def operators(self) -> Kept | None:
@@ -108,9 +66,18 @@ class Run(Matter):
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""
+        texels, methods = self.texels.value, self.scene.methods
+        if methods.diffusion == "poisson":
+            options = methods.poisson.model_dump(exclude={"radius_mm"}) | {"seed": self.scene.seed}
+            return lambda values, variances: diffuse_poisson(
+                values, texels, variances, **options, **self.hooks(stage)
+            )
         built = None if self.operators is None else self.operators.value
-        method = self.scene.methods.diffusion
-        return diffusion(self.texels.value, method, operators=built, **self.hooks(stage))
+        blur = diffusion(texels, methods.diffusion, operators=built, **self.hooks(stage))
+        if methods.transmission and methods.diffusion == "surface":
+            # straight lines cross thin parts: the far side is not to count twice
+            return on_one_side(blur, texels.points.normal(texels.mesh))
+        return blur
 
     @cached_property
     def bank(self) -> Kept:
@@ -122,17 +89,31 @@ class Run(Matter):
             entered = light.value if share is None else light.value * share.value
             return Bank(self.variances, entered, blur(entered, self.variances))
 
-        return self.stage("bank", make, light, share, self.variances, self.scene.methods.diffusion)
+        methods = self.scene.methods
+        how = methods.diffusion, int(methods.transmission), methods.poisson, self.scene.seed
+        return self.stage("bank", make, light, share, self.variances, how)
 
     def diffused(self, scattering: str) -> Kept:
         """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
-        bank, weights, rule = self.bank, self.weights(scattering), self.scene.methods.rule
+        if self.scene.methods.diffusion == "octree":
+            return self.hierarchical(scattering)
+        bank, weights, rule, passed = (
+            self.bank,
+            self.weights(scattering),
+            self.scene.methods.rule,
+            self.passed,
+        )
 
         def make():
             blur = None if rule == "exit" else self.blur("exitance")
-            return exitance(bank.value, weights.value, rule, blur=blur, cancel=self.cancel)
+            how = {"rule": rule, "blur": blur, "cancel": self.cancel}
+            back = exitance(bank.value, weights.value, **how)
+            if passed is None:
+                return back
+            across = Across(self.far_side.value, self.texels.value)
+            return back + transmitted(bank.value, passed.value, across, **how)
 
-        return self.stage("exitance", make, bank, weights, rule)
+        return self.stage("exitance", make, bank, weights, rule, passed)
 
     def albedo_share(self, side: Literal["pre", "post"]) -> Kept | None:
         """The part of the albedo that applies before or after diffusion at the texels."""
@@ -186,12 +167,16 @@ class Run(Matter):
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
         methods, eta, maps = scene.methods, self.stack.value.eta, self.surface_maps
         once = self.single
-        image = self.diffused("total" if once is None else "multiple")
+        scattering = "total" if once is None else "multiple"
+        at_hits = methods.diffusion == "octree" and methods.octree.receivers == "hits"
+        image = (self.emission if at_hits else self.diffused)(scattering)
 
         def make():
             images = {name: kept.value for name, kept in maps.items()}
             place = {"eta": eta, "occluder": occluder, "seed": scene.seed}
-            diffuse = self.texels.value.to_image(image.value)
+            diffuse = (
+                self.texels.value.to_image(image.value) if not at_hits else self.exitance_of_hits(scattering)
+            )
             see = shader(surface, images, mesh, atlas.uv, diffuse, self.lights, single=once, **place)
             look = {"samples": scene.camera.samples, "background": placing.background(scene)}
             view = placing.camera(scene.camera, mesh)
@@ -200,6 +185,7 @@ class Run(Matter):
         marched = None if once is None else (self.planes, methods.single_scattering, methods.march_samples)
         lit = (
             image,
+            (self.irradiance, methods.octree) if at_hits else None,
             marched,
             maps,
             self.lights_key,

@@ -15,7 +15,8 @@ Colour = tuple[NonNegative, NonNegative, NonNegative]
 
 
 INTERMEDIATES = (
-    "irradiance|diffused|exitance|radiance|single|coverage|albedo|position|normal|texel-mm"
+    "irradiance|diffused|exitance|radiance|single|coverage|albedo|position|normal|texel-mm|metric"
+    "|through-mm|seam-jump"
     "|(gaussian|weight)-([1-9]|[12][0-9]|3[0-2])|thickness-([1-9]|[1-5][0-9]|6[0-4])"
 )
 """Names of what lies between the stages, as a regular expression; Gaussians count from the narrowest, 1,
@@ -281,11 +282,36 @@ class CameraSpec(Model):
         return self
 
 
+class OctreeSpec(Model):
+    """Hierarchical integration: nodes of an area below `epsilon` × distance² stand for their samples.
+
+    `spacing_mm` of the samples of irradiance; the mean free path if left out. `receivers`: exitance is
+    summed for the texels, or for every hit of the camera in pictures.
+    """
+
+    epsilon: Annotated[Number, Field(gt=0, le=10)] = 0.05
+    spacing_mm: Positive | None = None
+    receivers: Literal["texels", "hits"] = "texels"
+
+
+class PoissonSpec(Model):
+    """The blur by a Poisson disc: its radius (that of the material's light if left out), samples, passes.
+
+    The lightmap is blurred `reduction` times smaller.
+    """
+
+    radius_mm: Positive | None = None
+    taps: Annotated[Count, Field(ge=1, le=256)] = 12
+    passes: Annotated[Count, Field(ge=1, le=16)] = 2
+    reduction: Annotated[Count, Field(ge=1, le=16)] = 2
+
+
 class MethodsSpec(Model):
     """Which method computes each stage; all are named, so that they can be compared.
 
     With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
-    steps and diffuse only the rest; textures hold both, since they know no eye.
+    steps and diffuse only the rest; textures hold both, since they know no eye. With `transmission`,
+    light also comes through from the far side of the object, as much as its thickness there lets pass.
     """
 
     profile: Literal["dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3"] = (
@@ -298,6 +324,8 @@ class MethodsSpec(Model):
     single_scattering: Literal["none", "uniform", "exact"] = "none"
     march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
+    octree: OctreeSpec = OctreeSpec()
+    poisson: PoissonSpec = PoissonSpec()
 
 
 class OutputSpec(Model):

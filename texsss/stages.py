@@ -20,6 +20,9 @@ STAGE_VERSIONS = {
     "light": 1,
     "operators": 1,
     "bank": 1,
+    "thickness": 1,
+    "samples": 1,
+    "octree": 1,
     "weights": 1,
     "exitance": 1,
     "planes": 1,
@@ -58,8 +61,7 @@ class Stages:
 
 
 AVAILABLE = {
-    "diffusion": ("none", "uv", "surface"),
-    "transmission": (False,),
+    "diffusion": ("none", "uv", "surface", "octree", "poisson"),
 }
 """Methods that work; the schema names more, so that scenes keep when they come."""
 

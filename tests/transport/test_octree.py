@@ -1,6 +1,7 @@
 """Hierarchical integration against the sum over all pairs, laws of its samples, and its cost."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -11,7 +12,7 @@ from texsss.errors import Cancelled, DomainError, ShapeError
 from texsss.profiles.weights import Weights
 from texsss.surface.mesh import Mesh
 from texsss.transport.octree.blocks import blocks
-from texsss.transport.octree.exitance import Surface, hierarchical_exitance
+from texsss.transport.octree.exitance import Surface, emission
 from texsss.transport.octree.integrate import integrated
 from texsss.transport.octree.samples import affordable_spacing, surface_samples
 from texsss.transport.octree.sources import sources
@@ -81,6 +82,13 @@ def lit_surface(mesh: Mesh, spacing: float, rows: int = 5, through: bool = False
     return Surface(position, normal, irradiance, reflected, passed), area
 
 
+def hierarchical(
+    samples: Surface, area: Tensor, spacing: float, rule: str = "entry", **options: Any
+) -> Float[Tensor, "P 3"]:
+    """Exitance at the samples themselves."""
+    return emission(samples, area, spacing, rule=rule).exitance(samples, **options)
+
+
 def all_pairs(samples: Surface, area: Tensor, some: Tensor, rule: str) -> Float[Tensor, "Q 3"]:
     """The sum without a tree, in float64, with receivers `some` of the samples."""
     position, normal = samples.position.double(), samples.normal.double()
@@ -113,7 +121,7 @@ def all_pairs(samples: Surface, area: Tensor, some: Tensor, rule: str) -> Float[
 def test_it_is_the_sum_over_all_pairs(rule: str, through: bool):
     samples, area = lit_surface(sphere(subdivisions=3), SPACING, through=through)
     some = torch.arange(0, len(area), 23)
-    found = hierarchical_exitance(samples, area, samples, SPACING, rule=rule, epsilon=0.05)[some].double()
+    found = hierarchical(samples, area, SPACING, rule=rule, epsilon=0.05)[some].double()
     expected = all_pairs(samples, area, some, rule)
     # measured .01 to .04 %
     assert float((found - expected).norm() / expected.norm()) < 1e-3
@@ -125,7 +133,7 @@ def test_the_error_falls_with_epsilon():
     expected = all_pairs(samples, area, some, "exit")
     errors = []
     for epsilon in (1.0, 0.3, 0.1, 0.03):
-        found = hierarchical_exitance(samples, area, samples, SPACING, rule="exit", epsilon=epsilon)[some]
+        found = hierarchical(samples, area, SPACING, rule="exit", epsilon=epsilon)[some]
         errors.append(float((found.double() - expected).norm() / expected.norm()))
     assert errors == sorted(errors, reverse=True) and errors[0] < 0.05
 
@@ -134,7 +142,7 @@ def test_constant_light_on_a_plane_comes_back_as_the_total():
     samples, area = lit_surface(plate(side=400.0), 4.0, rows=1)
     flat = Surface(samples.position, samples.normal, torch.ones_like(samples.irradiance), samples.reflected)
     centre = samples.position.norm(dim=1) < 60
-    found = hierarchical_exitance(flat, area, flat, 4.0)[centre]
+    found = hierarchical(flat, area, 4.0)[centre]
     # measured 1.8e-3
     torch.testing.assert_close(found, samples.reflected.total[centre], rtol=0.005, atol=0)
 
@@ -148,7 +156,7 @@ def test_light_from_the_far_side_is_what_passes():
     light = below[:, None].float().expand(-1, 3)
     assert samples.through is not None
     dark = Surface(samples.position, samples.normal, light, samples.reflected, samples.through)
-    found = hierarchical_exitance(dark, area, dark, 4.0)
+    found = hierarchical(dark, area, 4.0)
     middle = ~below & (samples.position.norm(dim=1) < 60)
     falls = torch.exp(-(10.0**2) / (2 * VARIANCES[1:]))[:, None]  # straight distances are 10 mm and more
     expected = (samples.through.table[0, 1:] * falls).sum(0)
@@ -157,17 +165,17 @@ def test_light_from_the_far_side_is_what_passes():
 
 def test_narrow_gaussians_weigh_the_light_of_the_place_itself():
     samples, area = lit_surface(sphere(subdivisions=3), 60.0)
-    found = hierarchical_exitance(samples, area, samples, 60.0)
+    found = hierarchical(samples, area, 60.0)
     torch.testing.assert_close(found, samples.reflected.total * samples.irradiance)
 
 
 def test_it_can_be_stopped_and_says_how_far_it_is():
     samples, area = lit_surface(sphere(subdivisions=2), SPACING)
     heard = []
-    hierarchical_exitance(samples, area, samples, SPACING, progress=lambda _, share: heard.append(share))
+    hierarchical(samples, area, SPACING, progress=lambda _, share: heard.append(share))
     assert heard == sorted(heard) and heard[-1] == 1.0
     with pytest.raises(Cancelled):
-        hierarchical_exitance(samples, area, samples, SPACING, cancel=lambda: True)
+        hierarchical(samples, area, SPACING, cancel=lambda: True)
 
 
 def test_bad_input_is_answered():
@@ -184,9 +192,9 @@ def test_bad_input_is_answered():
         surface_samples(flat, 1.0)
     samples, area = lit_surface(mesh, 20.0)
     with pytest.raises(DomainError, match="rule"):
-        hierarchical_exitance(samples, area, samples, 20.0, rule="both")
+        hierarchical(samples, area, 20.0, rule="both")
     with pytest.raises(DomainError, match="epsilon"):
-        hierarchical_exitance(samples, area, samples, 20.0, epsilon=0.0)
+        hierarchical(samples, area, 20.0, epsilon=0.0)
     with pytest.raises(ShapeError, match="receivers"):
         sent = sources(samples.position, area, area, samples.irradiance[None])
         integrated(sent, torch.zeros(0, 3), torch.ones(1), lambda rows, sums: sums[0].T, epsilon=0.1)
@@ -195,4 +203,4 @@ def test_bad_input_is_answered():
 def test_darkness_sends_nothing():
     samples, area = lit_surface(sphere(subdivisions=2), SPACING)
     dark = Surface(samples.position, samples.normal, torch.zeros_like(samples.normal), samples.reflected)
-    assert float(hierarchical_exitance(dark, area, dark, SPACING).abs().max()) == 0.0
+    assert float(hierarchical(dark, area, SPACING).abs().max()) == 0.0

@@ -44,6 +44,14 @@ class Weights:
         some = total > 0
         return replace(self, table=torch.where(some, self.table / torch.where(some, total, 1.0), 0.0))
 
+    def scaled(self, share: Float[Tensor, "V _"], row: Int[Tensor, " P"]) -> "Weights":
+        """The same shapes times `share[row]` at every texel."""
+        if share.shape[0] == 1:
+            return replace(self, table=self.table * share[:, None])
+        keys, rows = torch.unique(self.row.long() * share.shape[0] + row, return_inverse=True)
+        table = self.table[keys // share.shape[0]] * share[keys % share.shape[0]][:, None]
+        return replace(self, table=table, row=rows.to(torch.int32))
+
     def row_sum(self, row: int) -> GaussianSum:
         """The Gaussian sum of one row of the table."""
         return GaussianSum(self.variances, self.table[row])

@@ -50,6 +50,22 @@ def charts(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Int[Tensor,
     return components(faces.shape[0], shared_edges(uv_corners(faces, uv)))
 
 
+def seams(faces: Int[Tensor, "F 3"], uv: Float[Tensor, "F 3 2"]) -> Float[Tensor, "N 2 2 2"]:
+    """Edges whose two faces lie apart in uv: side × end × (u, v), the same ends first on both sides."""
+    both, place = edges(faces.long()).reshape(-1, 2), edges_uv(uv).reshape(-1, 2, 2)
+    turned = both[:, 0] > both[:, 1]
+    place = torch.where(turned[:, None, None], place.flip(1), place)
+    code, order = torch.sort(both.amin(-1) * (int(faces.max()) + 1) + both.amax(-1), stable=True)
+    same = torch.nonzero(code[1:] == code[:-1])[:, 0]
+    sides = torch.stack([place[order[same]], place[order[same + 1]]], 1)
+    return sides[((sides[:, 0] - sides[:, 1]).abs() > 1e-6).any(-1).any(-1)]
+
+
+def edges_uv(uv: Float[Tensor, "F 3 2"]) -> Float[Tensor, "F 3 2 2"]:
+    """Directed edges of all faces as they lie in uv."""
+    return torch.stack([uv, uv.roll(-1, 1)], -2)
+
+
 @dataclass(frozen=True)
 class Edges:
     """How many edges there are, by the faces that meet in them.

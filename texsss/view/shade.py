@@ -56,7 +56,7 @@ def shade(
     hits: Hits,
     mesh: Mesh,
     atlas_uv: Float[Tensor, "F 3 2"],
-    exitance: Float[Tensor, "H W 3"],
+    exitance: Float[Tensor, "H W 3"] | Float[Tensor, "P 3"],
     lights: list[Light] | tuple[Light, ...],
     *,
     eta: float = 1.4,
@@ -70,15 +70,17 @@ def shade(
 ) -> Float[Tensor, "P 3"]:
     """Radiance towards the camera [W/(m² sr)].
 
-    `exitance`: scattered light M [W/m²], an image over `atlas_uv` without empty texels at the seams;
-    it leaves as F_t(ω) M / (π F_dt), times `albedo` (an image over the author's uv, tiled) where
-    given. `gloss` adds the highlights of every light, shadowed by `occluder`; None leaves them out.
-    `normals` (P, 3) take the place of the mesh's shading normals. Lights that are not points are
+    `exitance`: scattered light M [W/m²], an image over `atlas_uv` without empty texels at the seams, or
+    that of each hit; it leaves as F_t(ω) M / (π F_dt), times `albedo` (an image over the author's uv,
+    tiled) where given. `gloss` adds the highlights of every light, shadowed by `occluder`; None leaves
+    them out. `normals` (P, 3) take the place of the mesh's shading normals. Lights that are not points are
     sampled with `seed`. Differentiable in exitance, albedo, lights, gloss and normals.
     """
     normal = facing(hits.points.normal(mesh) if normals is None else normals, hits.view)
     cosine = (normal * hits.view).sum(-1)
-    scattered = bilinear(exitance, hits.points.uv(atlas_uv).to(exitance.dtype))
+    scattered = exitance
+    if exitance.ndim == 3:
+        scattered = bilinear(exitance, hits.points.uv(atlas_uv).to(exitance.dtype))
     if albedo is not None and mesh.source_uv is not None:
         scattered = scattered * bilinear(albedo, hits.points.uv(mesh.source_uv).to(albedo.dtype), "repeat")
     radiance = scattered * (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None]

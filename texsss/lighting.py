@@ -1,0 +1,69 @@
+"""What lights the object: emitters placed, and the light that enters at points of the surface."""
+
+from functools import cached_property
+
+from texsss import placing
+from texsss.cache import Kept
+from texsss.light.emitters import Light
+from texsss.light.irradiance import irradiance_at
+from texsss.light.sites import Sites, sites_at
+from texsss.look import bumped
+from texsss.matter import Matter
+from texsss.surface.points import Points
+from texsss.types import Float, Tensor
+
+
+class Lighting(Matter):
+    """Where light comes from and enters; each property is a stage, made when first asked for."""
+
+    @cached_property
+    def panoramas(self) -> dict[str, Kept]:
+        """Images that light the scene, by name."""
+        return {name: self.image(name) for name in sorted(self.scene.panoramas())}
+
+    @cached_property
+    def lights(self) -> list[Light]:
+        images = {name: kept.value for name, kept in self.panoramas.items()}
+        return placing.lights(self.scene, self.mesh.value[0], images)
+
+    @property
+    def lights_key(self) -> tuple:
+        """Everything that the lights are made from."""
+        return self.scene.lights, self.panoramas
+
+    def sites_of(self, points: Points) -> Sites:
+        """Where light arrives at points of the surface, bumps included."""
+        (mesh, _), surface = self.mesh.value, self.scene.material.surface
+        images = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal].value}
+        return sites_at(points, mesh, bumped(surface, images, points, mesh))
+
+    def entered(self, sites: Sites, stage: str) -> Float[Tensor, "P 3"]:
+        """Entered irradiance at sites [W/m²]."""
+        return irradiance_at(
+            sites,
+            self.lights,
+            eta=self.stack.value.eta,
+            occluder=self.occluder.value,
+            environment_samples=placing.environment_samples(self.scene),
+            seed=self.scene.seed,
+            **self.hooks(stage),
+        )
+
+    @property
+    def bump(self) -> tuple:
+        """Everything that bumps are made from."""
+        surface = self.scene.material.surface
+        return (None if surface.normal is None else self.surface_maps[surface.normal]), surface.normal_y
+
+    @cached_property
+    def sites(self) -> Kept:
+        """Where light arrives at the texels."""
+        texels = self.texels.value
+        return self.stage("sites", lambda: self.sites_of(texels.points), self.texels, self.bump)
+
+    @cached_property
+    def irradiance(self) -> Kept:
+        """Entered irradiance at the texels (P, 3) [W/m²]."""
+        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        make = lambda: self.entered(sites.value, "light")  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed)

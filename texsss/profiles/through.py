@@ -1,0 +1,117 @@
+"""Light through thin parts: the stack as thick as the object is, and its two profiles."""
+
+from dataclasses import replace
+
+import torch
+
+from texsss.media.stack import FAR_MM, LayerTable, Stack
+from texsss.profiles.incidence import Incidence
+from texsss.profiles.project import frequencies
+from texsss.profiles.weights import Weights, weights_for
+from texsss.types import Cancel, Float, Progress, Tensor
+
+STEP = 0.005  # of thickness, relative: half of it moves what passes by less than a step of 8 bits
+COARSE_STEP = 0.03  # where the layers vary, too
+THINNEST_MM = 1e-4
+FADES_AT = (2.0, 4.0)  # own thicknesses of a finite stack between which the far side is lost from sight
+FADING = 64  # steps of what is lost from sight
+RIDGE = 1e-5  # relative; keeps Gaussians that fall off before the far side out of the sum
+
+
+def weights_through(
+    stack: Stack,
+    variances: Float[Tensor, " K"],
+    thickness: Float[Tensor, " P"],
+    *,
+    points_uv: Float[Tensor, "P 2"] | None = None,
+    model: str = "layered-sp3",
+    scattering: str = "total",
+    incidence: Incidence = "diffuse",
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> tuple[Weights, Weights]:
+    """Weights of what comes back, and of what comes out on the far side of an object of `thickness` [mm].
+
+    A stack without a bottom is cut in the middle of the object and mirrored: the far side has the same
+    layers. One with a bottom is taken as it is; it passes light to a far side within twice its own
+    thickness, and none beyond four times. Where `thickness` is infinite nothing passes. `scattering` is
+    of what comes back; what passes is the total. Both are sums of Gaussians of the distance along the
+    surface. `points_uv` (P, 2) where the stack varies. Not differentiable in `thickness`.
+    Raises as `weights_for`.
+    """
+    varies = stack.varies and points_uv is not None
+    table = stack.at(points_uv) if varies and points_uv is not None else stack.table()
+    table = table.to(torch.float32)
+    rounded = _rounded(thickness, COARSE_STEP if varies else STEP)
+    if table.bottomless:
+        table = mirrored(table, rounded)
+        share = None
+    else:
+        own = table.thickness.sum(-2).amin(-1).expand(len(thickness))
+        low, high = FADES_AT
+        share = ((high - thickness / own.clamp_min(THINNEST_MM)) / (high - low)).clamp(0, 1)
+    options = {"model": model, "incidence": incidence, "levels": None, "points": len(thickness)}
+    hooks = {"progress": progress, "cancel": cancel}
+    back = weights_for(table, variances, side="reflectance", scattering=scattering, **options, **hooks)
+    passed = weights_for(table, variances, side="transmittance", **options, cancel=cancel)
+    if share is None:
+        return back, passed
+    levels = torch.linspace(0, 1, FADING + 1)[:, None]
+    return back, passed.scaled(levels, torch.round(share * FADING).long())
+
+
+def mirrored(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
+    """The layers of an object of `thickness` [mm], from one side to the other; batch (P,).
+
+    `table`: of a stack without a bottom, batch () or (P,). Upper layers end in the middle at most.
+    """
+    count, layers = len(thickness), table.sigma_a.shape[-2]
+    fields = [x.expand(count, layers, x.shape[-1]) for x in table.fields]
+    upper, left = [], (thickness / 2)[:, None].to(fields[3])
+    for i in range(layers - 1):
+        depth = torch.minimum(fields[3][:, i], left)
+        upper.append(depth)
+        left = left - depth
+    depths = torch.stack([*upper, (2 * left).expand_as(fields[3][:, 0]), *reversed(upper)], 1)
+    order = [*range(layers), *reversed(range(layers - 1))]
+    sigma_a, sigma_s, g = (x[:, order] for x in fields[:3])
+    eta = tuple(table.eta[i] for i in order)
+    return replace(table.of([sigma_a, sigma_s, g, depths]), eta=eta, bottomless=False)
+
+
+def straight(passed: Weights, thickness: Float[Tensor, " P"]) -> Weights:
+    """`passed` as sums of Gaussians of the straight distance between the two sides, `thickness` [mm] apart.
+
+    A Gaussian of the straight distance is e^(-d²/2v) times that of the distance along the surface: the
+    weights are fitted anew, with the same total, so that those which would have to grow beyond measure
+    leave their share to wider ones.
+    """
+    count = len(passed.table)
+    # rows are of one thickness each, but for the rounding
+    rows = thickness.new_full((count,), torch.inf)
+    rows = rows.scatter_reduce(0, passed.row.long(), thickness, "amin").double().clamp(THINNEST_MM, FAR_MM)
+    variances = passed.variances.double()
+    s, ds = frequencies(variances, 32)
+    basis = torch.exp(-(s[:, None] ** 2) * variances / 2)
+    gram = basis.T @ ((s * ds)[:, None] * basis)
+    fall = torch.exp(-(rows[:, None] ** 2) / (2 * variances.clamp_min(1e-30)))  # (U, K)
+    fall = torch.where(variances > 0, fall, 0)
+    size = len(variances)
+    system = gram.new_zeros(count, size + 1, size + 1)
+    system[:, :size, :size] = fall[:, :, None] * gram * fall[:, None, :]
+    system[:, :size, :size] += RIDGE * gram.diagonal().mean() * torch.eye(size, dtype=gram.dtype)
+    system[:, :size, size] = system[:, size, :size] = fall
+    # nothing reaches so far: zero weights, and no constraint to meet
+    lost = fall.amax(1) < 1e-6
+    system[lost, :size, size] = system[lost, size, :size] = 0
+    system[lost, size, size] = 1
+    table = passed.table.double()
+    right = torch.cat([fall[:, :, None] * (gram @ table), table.sum(1, keepdim=True)], 1)
+    right[lost] = 0
+    return replace(passed, table=torch.linalg.solve(system, right)[:, :size].to(passed.table))
+
+
+def _rounded(thickness: Float[Tensor, " P"], step: float) -> Float[Tensor, " P"]:
+    """`thickness` in steps of a ratio, so that equal rows are many."""
+    bounded = thickness.clamp(THINNEST_MM, FAR_MM)
+    return torch.exp(torch.round(bounded.log() / step) * step).clamp(max=FAR_MM)
