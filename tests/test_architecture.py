@@ -47,10 +47,11 @@ MAY_IMPORT = {
         *("errors", "types", "scene", "cache", "resolve", "result", "pipeline", "view"),
         *("curve", "inspection", "intermediates", "showing"),
     },
+    "compare": {"errors", "types", "scene", "baker", "result", "io"},
     "plot": set(),
     "shorthand": {"errors"},
     "options": {"scene", "shorthand"},
-    "cli": {"baker", "estimate", "scene", "options", "plot", "types", "errors", "cache"},
+    "cli": {"baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors", "cache"},
     "__init__": set(),
 }
 

@@ -1,4 +1,4 @@
-"""The command line: `texsss bake`, `render`, `inspect`, `profile`, `serve`, `scene init`."""
+"""The command line: `texsss bake`, `render`, `compare`, `map`, `inspect`, `profile`, `serve` …"""
 
 import json
 import os
@@ -64,9 +64,7 @@ def render(
     out: Annotated[Path, typer.Option(help="The picture, .png or .exr.")] = Path("image.png"),
 ) -> None:
     """Renders the picture of a scene alone."""
-    if out.suffix.lower() not in {".png", ".exr"}:
-        raise AssetError(f"Output: expected a name that ends in .png or .exr, got {out}; change --out.")
-    writable(out.parent)
+    image_name(out)
     from texsss.baker import Baker
 
     with shown_progress() as progress:
@@ -96,6 +94,56 @@ def inspect(
             show_table(part, found[part])
     for sentence in found["advice"]:
         print(f"- {sentence}")
+
+
+@app.command()
+@takes_scene
+def compare(
+    scene: Scene,
+    out: Annotated[Path, typer.Option(help="Folder for table, numbers and sheet.")] = Path("compare"),
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="none, uv, surface, octree, poisson, march-uniform or march-exact, with +through for light "
+            "from the far side; repeat for more."
+        ),
+    ] = None,
+    reference: Annotated[str | None, typer.Option(help="The method that others are held against.")] = None,
+) -> None:
+    """Bakes a scene by several methods: pictures side by side, differences, errors and seconds."""
+    writable(out)
+    from texsss.compare import DEFAULT
+    from texsss.compare import compare as compared
+
+    with shown_progress() as progress:
+        found = compared(scene, tuple(method or DEFAULT), reference=reference, progress=progress)
+        written = found.save(out)
+    print(found.markdown())
+    for path in written.values():
+        print(path)
+
+
+@app.command("map")
+@takes_scene
+def map_(
+    scene: Scene,
+    name: Annotated[
+        str, typer.Option(help="irradiance, metric, through-mm, seam-jump, gaussian-3, …")
+    ] = "irradiance",
+    out: Annotated[Path, typer.Option(help="The image, .png or .exr.")] = Path("map.exr"),
+) -> None:
+    """Writes what lies between the stages of a bake as an image over the atlas.
+
+    EXR holds the values themselves, PNG has them scaled to their greatest.
+    """
+    image_name(out)
+    from texsss.baker import Baker
+    from texsss.result import save_map
+
+    with shown_progress() as progress:
+        found = Baker().intermediate(scene, name, progress=progress)
+    save_map(out, found)
+    print(out)
 
 
 @app.command()
@@ -167,6 +215,13 @@ def shown(value: object) -> str:
     if isinstance(value, list | tuple):
         return "  ".join(shown(item) for item in value)
     return str(value)
+
+
+def image_name(path: Path) -> None:
+    """Raises AssetError: when `path` is not that of an image, or can't be written."""
+    if path.suffix.lower() not in {".png", ".exr"}:
+        raise AssetError(f"Output: expected a name that ends in .png or .exr, got {path}; change --out.")
+    writable(path.parent)
 
 
 def writable(folder: Path) -> None:

@@ -114,6 +114,19 @@ class Baked:
         return {name: folder / name for name in FILES}
 
 
+def save_map(path: str | Path, image: Float[Tensor, "H W C"]) -> None:
+    """Writes an image of any values, of one channel as grey: EXR as they are, PNG scaled to their greatest.
+
+    Raises AssetError: when it can't be written.
+    """
+    path, image = Path(path), image.detach().expand(-1, -1, max(image.shape[-1], 3))
+    with staging(path.parent) as temporary:
+        if path.suffix.lower() == ".exr":
+            write_exr(temporary / path.name, image)
+        else:
+            write_png(temporary / path.name, (image / image.amax().clamp_min(1e-30)).clamp(0, 1))
+
+
 class staging:
     """A folder to write into whose files move to `folder` together when nothing failed.
 

@@ -1,0 +1,51 @@
+"""Pictures side by side with labels, and differences in false colours."""
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw, ImageFont
+
+from texsss.errors import ShapeError
+from texsss.types import Float, Tensor
+
+GAP = 6  # pixels between panels
+PAPER, INK, SOFT = (24, 26, 30), (236, 238, 240), (160, 166, 174)
+WARM, COOL, NEUTRAL = (1.0, 0.42, 0.12), (0.15, 0.5, 1.0), 0.16
+
+Panel = tuple[str, str, Float[Tensor, "H W 3"]]
+"""A title, a line below it, and display values in 0..1."""
+
+
+def sheet(rows: list[list[Panel]], columns: int) -> Float[Tensor, "h w 3"]:
+    """Rows of labelled panels, each of at most `columns` side by side, as display values in 0..1.
+
+    Raises ShapeError: when there is none, or panels differ in size.
+    """
+    lines = [row[start : start + columns] for row in rows for start in range(0, len(row), columns)]
+    sizes = {panel[2].shape for line in lines for panel in line}
+    if len(sizes) != 1:
+        raise ShapeError(f"sheet: expected pictures of one size, got {sorted(map(tuple, sizes)) or 'none'}.")
+    height, width, _ = sizes.pop()
+    title = max(12, round(width / 22))
+    head = 3 * title
+    across = max(len(line) for line in lines)
+    paper = Image.new("RGB", (across * (width + GAP) + GAP, len(lines) * (height + head + GAP) + GAP), PAPER)
+    draw = ImageDraw.Draw(paper)
+    large, small = ImageFont.load_default(title), ImageFont.load_default(round(0.75 * title))
+    for i, line in enumerate(lines):
+        for j, (name, note, picture) in enumerate(line):
+            left, top = GAP + j * (width + GAP), GAP + i * (height + head + GAP)
+            draw.text((left + 4, top), name, fill=INK, font=large)
+            draw.text((left + 4, top + round(1.35 * title)), note, fill=SOFT, font=small)
+            pixels = (picture.detach().clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy()
+            paper.paste(Image.fromarray(pixels), (left, top + head))
+    return torch.from_numpy(np.asarray(paper).copy()).float() / 255
+
+
+def difference_map(difference: Float[Tensor, "H W 3"], full: float) -> Float[Tensor, "H W 3"]:
+    """A signed difference as display values: warm where it is brighter, cool where darker, by its mean.
+
+    `full`: what shows at full strength.
+    """
+    share = (difference.mean(-1, keepdim=True) / max(full, 1e-30)).clamp(-1, 1)
+    towards = torch.where(share > 0, difference.new_tensor(WARM), difference.new_tensor(COOL))
+    return torch.lerp(torch.full_like(difference, NEUTRAL), towards, share.abs().sqrt())
