@@ -1,6 +1,6 @@
 """How a baked surface looks: exitance, albedo, bumps and gloss joined into what a ray sees."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -8,7 +8,7 @@ import torch
 from texsss.light.emitters import Light
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
-from texsss.numerics.sampling import bilinear
+from texsss.numerics.sampling import Texture
 from texsss.resolve import Images
 from texsss.specs import SurfaceSpec
 from texsss.surface.mesh import Mesh
@@ -40,25 +40,27 @@ def shader(
     diffusion.
     `images`: the maps that `surface` names. `single`: radiance of light scattered once, to be added.
     """
+    shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
     albedo = None
     if surface.albedo is not None and surface.albedo_mode != "pre":
         colour = images[surface.albedo].clamp(0, 1).expand(-1, -1, 3)
-        albedo = colour.sqrt() if surface.albedo_mode == "both" else colour
+        albedo = Texture.of(colour.sqrt() if surface.albedo_mode == "both" else colour, "repeat")
+    textures = {name: Texture.of(image, "repeat") for name, image in images.items()}
 
     def seen(hits: Hits) -> Tensor:
         def grey(value: float | str) -> float | Tensor:
-            return painted(images[value], hits.points, mesh).mean(-1) if isinstance(value, str) else value
+            return painted(textures[value], hits.points, mesh).mean(-1) if isinstance(value, str) else value
 
         radiance = shade(
             hits,
             mesh,
             atlas_uv,
-            exitance if isinstance(exitance, Tensor) else exitance(hits),
+            shown if isinstance(shown, Texture) else shown(hits),
             tuple(lights),
             eta=eta,
             gloss=Gloss(grey(surface.roughness), grey(surface.specular), surface.second_lobe),
             albedo=albedo,
-            normals=bumped(surface, images, hits.points, mesh),
+            normals=bumped(surface, textures, hits.points, mesh),
             occluder=occluder,
             seed=seed,
         )
@@ -66,7 +68,7 @@ def shader(
             return radiance
         once = single(hits)
         if surface.albedo is not None:
-            once = once * painted(images[surface.albedo], hits.points, mesh)
+            once = once * painted(textures[surface.albedo], hits.points, mesh)
         return radiance + once
 
     return seen
@@ -88,11 +90,13 @@ def scattered_once(
     method, samples, occluder and seed of `march`.
     """
 
+    lasting = None if scale is None else Texture.of(scale)
+
     def once(hits: Hits) -> Tensor:
         light = march(
             hits.points, mesh, planes, stack, tuple(lights), hits.view, uv=mesh.source_uv, **options
         )
-        return light if scale is None else light * bilinear(scale, hits.points.uv(atlas_uv))
+        return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 
     return once
 
@@ -103,17 +107,19 @@ def share_of(total: Float[Tensor, "*B C"]) -> Float[Tensor, "*B C"]:
     return torch.where(some, 1 / torch.where(some, total, 1), 0)
 
 
-def painted(image: Float[Tensor, "H W C"], points: Points, mesh: Mesh) -> Float[Tensor, "P C"]:
+def painted(image: Float[Tensor, "H W C"] | Texture, points: Points, mesh: Mesh) -> Float[Tensor, "P C"]:
     """A map of values 0..1 in the author's texture coordinates at points of the surface; it tiles."""
     assert mesh.source_uv is not None, "the pipeline asks for texture coordinates first"
-    return bilinear(image, points.uv(mesh.source_uv), wrap="repeat").clamp(0, 1)
+    return Texture.of(image, "repeat").at(points.uv(mesh.source_uv)).clamp(0, 1)
 
 
-def bumped(surface: SurfaceSpec, images: Images, points: Points, mesh: Mesh) -> Float[Tensor, "P 3"] | None:
+def bumped(
+    surface: SurfaceSpec, images: Mapping[str, Tensor | Texture], points: Points, mesh: Mesh
+) -> Float[Tensor, "P 3"] | None:
     """Shading normals bent by the surface's normal map; None without one."""
     if surface.normal is None:
         return None
-    return mapped_normals(points, mesh, images[surface.normal][..., :3], y_up=surface.normal_y == "+y")
+    return mapped_normals(points, mesh, images[surface.normal], y_up=surface.normal_y == "+y")
 
 
 def map_names(surface: SurfaceSpec) -> list[str]:

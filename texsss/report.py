@@ -34,6 +34,7 @@ def describe(
         "texsss": version("texsss"),
         "seconds": {name: round(value, 4) for name, value in seconds.items()},
         "peak_memory_mb": round(peak_memory_bytes() / 2**20),
+        "peak_memory_of_children_mb": round(peak_memory_bytes(resource.RUSAGE_CHILDREN) / 2**20),
         "threads": torch.get_num_threads(),
         "mesh": {
             "name": mesh.name,
@@ -60,7 +61,7 @@ def describe(
     }
 
 
-def peak_memory_bytes() -> int:
-    """The most memory that this process has held."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def peak_memory_bytes(who: int = resource.RUSAGE_SELF) -> int:
+    """The most memory that this process has held, or the largest of its children that have ended."""
+    peak = resource.getrusage(who).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024

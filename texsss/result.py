@@ -4,7 +4,10 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,11 +17,11 @@ import torch
 from texsss.errors import AssetError
 from texsss.io.exr import write_exr
 from texsss.io.gltf import write_glb
-from texsss.io.images import write_png
+from texsss.io.images import encode_png, write_png
 from texsss.profiles.weights import Weights
-from texsss.surface.dilate import dilate
+from texsss.surface.dilate import dilate, nearest_filled
 from texsss.surface.points import TexelMaps
-from texsss.types import Bool, Float, Progress, Tensor
+from texsss.types import Bool, Float, Int, Progress, Tensor
 
 FILES = ("irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json")
 
@@ -76,10 +79,17 @@ class Baked:
 
     def image(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "H W C"]:
         """Values at the texels as an image dilated to the full square."""
+        filled, nearest = self._filled
+        return dilate(self.texels.to_image(values), filled, nearest)
+
+    @cached_property
+    def _filled(self) -> tuple[Bool[Tensor, "H W"], Int[Tensor, "H W"]]:
+        """Which texels hold values, gutter included, and the nearest of them to each texel."""
         height, width = self.texels.size
-        filled = torch.zeros(height * width, dtype=torch.bool, device=values.device)
+        filled = torch.zeros(height * width, dtype=torch.bool, device=self.texels.index.device)
         filled[self.texels.index] = True
-        return dilate(self.texels.to_image(values), filled.reshape(height, width))
+        filled = filled.reshape(height, width)
+        return filled, nearest_filled(filled)
 
     def save_picture(self, path: str | Path) -> None:
         """Writes the picture alone: PNG display-encoded, EXR linear.
@@ -101,14 +111,25 @@ class Baked:
         """
         folder, tell = Path(folder), progress or (lambda stage, fraction: None)
         tell("files", 0.0)
-        with staging(folder) as temporary:
-            write_exr(temporary / "irradiance.exr", self.irradiance.detach())
-            write_exr(temporary / "radiance.exr", self.radiance.detach())
-            shown = self.encode(self.radiance.detach())
-            write_png(temporary / "radiance.png", shown)
-            write_png(temporary / "preview.png", self.encode(self.picture.detach()))
-            write_glb(temporary / "model.glb", self.texels.mesh, self.texels.atlas_uv, shown)
-            text = json.dumps(self.report, indent=2) + "\n"
+        # compressing EXRs takes longest and leaves Python free: it runs beside all the rest
+        with staging(folder) as temporary, ThreadPoolExecutor(1) as beside:
+            start = time.perf_counter()
+            images = {"irradiance": self.irradiance.detach(), "radiance": self.radiance.detach()}
+            waiting = [
+                beside.submit(write_exr, temporary / f"{name}.exr", image) for name, image in images.items()
+            ]
+            seconds = time.perf_counter() - start
+            preview = self.encode(self.picture.detach())
+            start = time.perf_counter()
+            write_png(temporary / "preview.png", preview)
+            texture = encode_png(self.encode(images["radiance"]))
+            (temporary / "radiance.png").write_bytes(texture)
+            write_glb(temporary / "model.glb", self.texels.mesh, self.texels.atlas_uv, texture)
+            for written in waiting:
+                written.result()
+            report = self.report
+            report["seconds"]["files"] = round(seconds + time.perf_counter() - start, 4)
+            text = json.dumps(report, indent=2) + "\n"
             (temporary / "report.json").write_text(text, encoding="utf-8")
         tell("files", 1.0)
         return {name: folder / name for name in FILES}
@@ -130,14 +151,17 @@ def save_map(path: str | Path, image: Float[Tensor, "H W C"]) -> None:
 class staging:
     """A folder to write into whose files move to `folder` together when nothing failed.
 
+    When something did, nothing stays: neither files nor folders that were made for them.
     Raises AssetError: when `folder` can't be made or written.
     """
 
     def __init__(self, folder: str | Path):
         self.folder = Path(folder)
+        self.made: list[Path] = []  # folders that were not there before, innermost first
 
     def __enter__(self) -> Path:
         try:
+            self.made = [place for place in (self.folder, *self.folder.parents) if not place.exists()]
             self.folder.mkdir(parents=True, exist_ok=True)
             self.temporary = Path(tempfile.mkdtemp(prefix=".texsss-", dir=self.folder))
         except OSError as error:
@@ -160,6 +184,9 @@ class staging:
             raise unwritable(self.folder, failure) from None
         finally:
             shutil.rmtree(self.temporary, ignore_errors=True)
+            for place in self.made:
+                with suppress(OSError):  # not empty: something was written
+                    place.rmdir()
         if isinstance(error, OSError):
             raise unwritable(self.folder, error) from None
 

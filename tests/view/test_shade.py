@@ -109,7 +109,8 @@ def test_picture_of_a_sphere():
     torch.testing.assert_close(image[0, 0], torch.tensor([0.0, 0.5, 1.0, 0.0]))
     part = image[..., 3]
     assert ((part > 0) & (part < 1)).sum() > 100
-    torch.testing.assert_close(image[..., 0], part)
+    # ones over a background of brightness ½, each weighed by 1 / (1 + brightness)
+    torch.testing.assert_close(image[..., 0], part / 2 / (part / 2 + (1 - part) / 1.5))
 
 
 def test_one_bright_hit_does_not_whiten_its_pixel():

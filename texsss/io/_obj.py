@@ -34,6 +34,7 @@ def _parse(text: str) -> tuple[list, list, list[list[Corner]]]:
     vertices: list[tuple[float, ...]] = []
     coordinates: list[tuple[float, ...]] = []
     polygons: list[list[Corner]] = []
+    known: dict[str, Corner] = {}  # corners come back in every face around them
     for number, line in enumerate(text.splitlines(), 1):
         key, _, rest = line.lstrip().partition(" ") if "\t" not in line else _partition_tabs(line)
         try:
@@ -42,7 +43,7 @@ def _parse(text: str) -> tuple[list, list, list[list[Corner]]]:
             elif key == "vt":
                 coordinates.append((*_floats(rest, 1), 0.0)[:2])
             elif key == "f":
-                polygons.append(_corners(rest, len(vertices), len(coordinates)))
+                polygons.append(_corners(rest, len(vertices), len(coordinates), known))
         except ValueError as error:
             raise Fault(f"line {number} is not understood ({line[:40].strip()!r}: {error})") from None
     return vertices, coordinates, polygons
@@ -61,18 +62,22 @@ def _floats(rest: str, least: int) -> tuple[float, ...]:
     return tuple(float(word) for word in words[:2])
 
 
-def _corners(rest: str, vertices: int, coordinates: int) -> list[Corner]:
+def _corners(rest: str, vertices: int, coordinates: int, known: dict[str, Corner]) -> list[Corner]:
+    """The corners of a face; those that do not count back from the latest vertex go into `known`."""
     words = rest.split("#", 1)[0].split()
     if len(words) < 3:
         raise ValueError(f"expected 3 corners or more, got {len(words)}")
     corners = []
     for word in words:
-        parts = word.split("/")
-        vertex = int(parts[0])
-        place = int(parts[1]) if len(parts) > 1 and parts[1] else None
-        corners.append(
-            (_from_zero(vertex, vertices), -1 if place is None else _from_zero(place, coordinates))
-        )
+        corner = known.get(word)
+        if corner is None:
+            parts = word.split("/")
+            vertex = _from_zero(int(parts[0]), vertices)
+            place = _from_zero(int(parts[1]), coordinates) if len(parts) > 1 and parts[1] else -1
+            corner = vertex, place
+            if "-" not in word:
+                known[word] = corner
+        corners.append(corner)
     return corners
 
 

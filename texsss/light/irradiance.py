@@ -8,13 +8,15 @@ from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
-from texsss.light.sites import CHUNK, Sites, dot, sites_at
+from texsss.light.sites import Sites, dot, sites_at
 from texsss.light.smoothing import neighbours_mean
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
+
+RAYS = 1 << 17  # sites traced at a time
 
 
 def irradiance(
@@ -66,7 +68,7 @@ def irradiance_at(
     nearby = [light for light in lights if not isinstance(light, Environment)]
     traced = -(-environment_samples // sharing)
     parts, shares = [], []  # light of the others; of each environment, with and without shadows
-    rows = chunks(len(sites), CHUNK)
+    rows = chunks(len(sites), RAYS)
     for k, row in enumerate(rows):
         site = sites[row]
         total = torch.zeros_like(site.position)
@@ -127,8 +129,8 @@ def _sampled(
         if not light.is_delta:
             unshadowed = unshadowed.index_add(0, rows, entering)
         hidden = _hidden(occluder, site, rows, direction, seen.distance[rows])
-        total = total.index_add(0, rows, torch.where(hidden[:, None], 0.0, entering))
-    return total / count, unshadowed / count
+        total = total.index_add(0, rows, entering * (~hidden)[:, None])
+    return (total, unshadowed) if count == 1 else (total / count, unshadowed / count)
 
 
 def _hidden(

@@ -24,7 +24,7 @@ def dilate(
         )
     if nearest is None:
         nearest = nearest_filled(filled)
-    return image.reshape(-1, image.shape[-1])[nearest.reshape(-1)].reshape(image.shape)
+    return image.reshape(-1, image.shape[-1]).index_select(0, nearest.reshape(-1)).reshape(image.shape)
 
 
 def nearest_filled(filled: Bool[Tensor, "H W"]) -> Int[Tensor, "H W"]:

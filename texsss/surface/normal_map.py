@@ -1,14 +1,19 @@
 """Shading normals from a tangent-space normal map."""
 
 from texsss.errors import ShapeError
-from texsss.numerics.sampling import bilinear
+from texsss.numerics.sampling import Texture
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import Float, Tensor, unit
 
 
 def mapped_normals(
-    points: Points, mesh: Mesh, image: Float[Tensor, "H W 3"], *, y_up: bool = True, strength: float = 1.0
+    points: Points,
+    mesh: Mesh,
+    image: Float[Tensor, "H W C"] | Texture,
+    *,
+    y_up: bool = True,
+    strength: float = 1.0,
 ) -> Float[Tensor, "P 3"]:
     """Unit shading normals at `points`, bent by a normal map.
 
@@ -22,7 +27,7 @@ def mapped_normals(
             f"normal map: expected texture coordinates, got none in {mesh.name}; unwrap the mesh."
         )
     tangent, bitangent, normal = points.frame(mesh, mesh.source_uv).unbind(-2)
-    x, y, z = (2 * bilinear(image, points.uv(mesh.source_uv).to(image.dtype), "repeat") - 1).unbind(-1)
+    x, y, z = (2 * Texture.of(image, "repeat").at(points.uv(mesh.source_uv))[:, :3] - 1).unbind(-1)
     # v runs down, so does the bitangent
     down = -y if y_up else y
     bent = (strength * x)[:, None] * tangent + (strength * down)[:, None] * bitangent

@@ -107,7 +107,7 @@ class TexelMaps:
     def __len__(self) -> int:
         return len(self.points)
 
-    @property
+    @cached_property
     def index(self) -> Int[Tensor, " P"]:
         """Row-major index i·W + j of every texel, int64."""
         assert self.points.texel is not None, "texels of an atlas know their place"
@@ -133,20 +133,15 @@ class TexelMaps:
         real = self.area[self.area > 0]
         return float(real.median().sqrt()) if real.numel() else 0.0
 
-    @property
-    def _texel(self) -> Int[Tensor, " P"]:
-        assert self.points.texel is not None, "texels of an atlas know their place"
-        return self.points.texel.long()
-
     def to_image(self, values: Float[Tensor, "P C"], fill: float = 0.0) -> Float[Tensor, "H W C"]:
         """Values laid out as an image, `fill` in empty texels. Differentiable in `values`."""
         height, width = self.size
         image = values.new_full((height * width, values.shape[-1]), fill)
-        return image.index_copy(0, self._texel, values).reshape(height, width, -1)
+        return image.index_copy(0, self.index, values).reshape(height, width, -1)
 
     def from_image(self, image: Float[Tensor, "H W C"]) -> Float[Tensor, "P C"]:
         """Values of an image at the points."""
-        return image.reshape(-1, image.shape[-1])[self._texel]
+        return image.reshape(-1, image.shape[-1]).index_select(0, self.index)
 
     def moved(self, vertices: Float[Tensor, "V 3"]) -> "TexelMaps":
         """The same texels on the deformed mesh [mm]."""

@@ -69,17 +69,14 @@ def sharpness(variance: Float[Tensor, "h w"], reach: int) -> Float[Tensor, "h w"
     beta = torch.logspace(1.8, -5, 4096, dtype=torch.float64)  # falling, so that variances rise
     weight = torch.exp(-beta[:, None] * steps)
     reached = 2 * (weight * steps).sum(1) / (1 + 2 * weight.sum(1))
-    # tabulated over the standard deviation, in even steps
+    # tabulated over the standard deviation, in even steps fine enough to take the nearest
     deviation = variance.sqrt()
-    entries = 1024
+    entries = 1 << 14
     top = min(float(deviation.max()), float(reached[-1].sqrt()))
     wanted = torch.linspace(0, top, entries, dtype=torch.float64) ** 2
     above = torch.searchsorted(reached, wanted).clamp(1, len(reached) - 1)
     low, high = reached[above - 1], reached[above]
     fraction = ((wanted - low) / (high - low)).clamp(0, 1)
-    # widths 1/β run almost straight over the deviation, β itself does not
-    table = 1 / torch.lerp(beta[above - 1].log(), beta[above].log(), fraction).exp()
-    table = table.to(variance)
-    place = (deviation * ((entries - 1) / top)).clamp_max(entries - 1.001)
-    index = place.long()
-    return 1 / torch.lerp(table[index], table[index + 1], place - index)
+    table = torch.lerp(beta[above - 1].log(), beta[above].log(), fraction).exp().to(variance)
+    place = (deviation * ((entries - 1) / top)).round_().clamp_(max=entries - 1).to(torch.int32)
+    return table.index_select(0, place.reshape(-1)).reshape(variance.shape)

@@ -90,12 +90,14 @@ class Camera:
 @dataclass(frozen=True, eq=False)
 class Hits:
     """What rays of a camera hit: `pixel` (P,) row-major index; `points` on the mesh; `view` (P, 3) unit
-    directions from there to the camera; `distance` (P,) [mm]."""
+    directions from there to the camera; `distance` (P,) [mm]. `sample`: which of a pixel's rays these
+    are, so that each can draw random numbers of its own."""
 
     pixel: Int[Tensor, " P"]
     points: Points
     view: Float[Tensor, "P 3"]
     distance: Float[Tensor, " P"]
+    sample: int = 0
 
 
 def fit_camera(
@@ -137,18 +139,24 @@ def fit_camera(
 
 
 def primary_hits(
-    camera: Camera, occluder: Occluder, xy: Float[Tensor, "P 2"], pixel: Int[Tensor, " P"], dtype: torch.dtype
+    camera: Camera,
+    occluder: Occluder,
+    xy: Float[Tensor, "P 2"],
+    pixel: Int[Tensor, " P"],
+    dtype: torch.dtype,
+    *,
+    sample: int = 0,
 ) -> Hits:
     """First hits of the rays through `xy` [pixels]; rays that miss are left out.
 
-    `pixel` (P,): the row-major index of the pixel that each ray belongs to.
+    `pixel` (P,): the row-major index of the pixel that each ray belongs to; `sample` as in `Hits`.
     """
     directions = camera.directions(xy)
     origin = camera.position.to(directions).expand_as(directions)  # type: ignore[union-attr]
     face, bary, distance = occluder.closest(origin, directions)
     rows = (face >= 0).nonzero()[:, 0]
     points = Points(face[rows], bary[rows].to(dtype))
-    return Hits(pixel[rows], points, -directions[rows].to(dtype), distance[rows].to(dtype))
+    return Hits(pixel[rows], points, -directions[rows].to(dtype), distance[rows].to(dtype), sample)
 
 
 def pixel_centres(camera: Camera) -> Float[Tensor, "P 2"]:

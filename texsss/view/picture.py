@@ -1,7 +1,9 @@
 """A whole picture: rays, shading, edges refined, background."""
 
+import itertools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 
@@ -30,8 +32,9 @@ def picture(
     """Linear radiance over the background, and coverage 0..1 as the fourth channel.
 
     `shader` gives the radiance (P, 3) of hits. Every pixel is looked at once; where neighbours differ
-    (outlines, shadow edges, highlights), `samples` stratified rays take its place. Their mean weighs
-    bright ones down, 1 / (1 + brightness / mean), lest a single highlight leave a jagged white edge.
+    (outlines, shadow edges, highlights), stratified rays take its place: a few, and all `samples` where
+    those differ, too. Their mean, background included, weighs bright ones down, 1 / (1 + brightness /
+    mean), lest a single highlight or a bright rim leave a jagged white edge.
     `background`: a linear colour, or two: top and bottom.
     Raises DomainError: when samples is below 1. Raises Cancelled.
     """
@@ -39,7 +42,8 @@ def picture(
         raise DomainError(f"picture: expected at least 1 sample per pixel, got {samples}.")
     width, height = camera.resolution
     count = width * height
-    colour, cover = torch.zeros(count, 3), torch.zeros(count)
+    behind = _background(background, height, width)
+    colour, cover = behind.clone(), torch.zeros(count)
     everywhere = torch.arange(count)
     centres = pixel_centres(camera)
     for k, rows in enumerate(all_rows := chunks(count, CHUNK)):
@@ -50,24 +54,45 @@ def picture(
             cover[hits.pixel] = 1.0
         if progress is not None:
             progress("view", 0.6 * (k + 1) / len(all_rows))
-    key = float((colour.mean(-1).sum() / cover.sum().clamp_min(1)).clamp_min(1e-30))
     if samples > 1:
-        edges = _edges(colour, cover, key, (height, width)).nonzero()[:, 0]
-        _refine(camera, occluder, shader, edges, samples, seed, key, colour, cover, progress, cancel)
-    behind = _background(background, height, width)
-    seen = cover[:, None] * colour + (1 - cover[:, None]) * behind
-    return torch.cat([seen, cover[:, None]], -1).reshape(height, width, 4)
+        key = float(((colour.mean(-1) * cover).sum() / cover.sum().clamp_min(1)).clamp_min(1e-30))
+        film = _Film(key, colour, cover)
+        edges = film.edges((height, width)).nonzero()[:, 0]
+        _refine(camera, occluder, shader, edges, samples, seed, behind, film, progress, cancel)
+    return torch.cat([colour, cover[:, None]], -1).reshape(height, width, 4)
 
 
-def _edges(
-    colour: Float[Tensor, "N 3"], cover: Float[Tensor, " N"], key: float, size: tuple[int, int]
-) -> Bool[Tensor, " N"]:
-    """Pixels that differ visibly from a neighbour."""
-    compressed = torch.sqrt(colour / (colour + key)).clamp(0, 1)
-    layers = torch.cat([compressed, cover[:, None]], -1).reshape(1, *size, 4).permute(0, 3, 1, 2)
-    high = torch.nn.functional.max_pool2d(layers, 3, 1, 1)
-    low = -torch.nn.functional.max_pool2d(-layers, 3, 1, 1)
-    return (high - low).amax(1).reshape(-1) > CONTRAST
+@dataclass(frozen=True, eq=False)
+class _Film:
+    """What the picture holds so far. `key`: mean brightness, to which others compare."""
+
+    key: float
+    colour: Float[Tensor, "N 3"]
+    cover: Float[Tensor, " N"]
+
+    def compressed(self, colour: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
+        """Brightness as an eye compares it, 0..1."""
+        return torch.sqrt(colour / (colour + self.key)).clamp(0, 1)
+
+    def edges(self, size: tuple[int, int]) -> Bool[Tensor, " N"]:
+        """Pixels that differ visibly from a neighbour."""
+        layers = torch.cat([self.compressed(self.colour), self.cover[:, None]], -1).reshape(*size, 4)
+        high, low = layers, layers
+        for axis in (0, 1):
+            high, low = _extreme(high, axis, torch.maximum), _extreme(low, axis, torch.minimum)
+        return (high - low).amax(-1).reshape(-1) > CONTRAST
+
+
+def _extreme(image: Float[Tensor, "h w C"], axis: int, of: Callable[..., Tensor]) -> Float[Tensor, "h w C"]:
+    """The largest or smallest of every pixel and its two neighbours along `axis`."""
+    result, length = image.clone(), image.shape[axis]
+    for shift in (-1, 1):
+        here, there = (
+            result.narrow(axis, max(shift, 0), length - 1),
+            image.narrow(axis, max(-shift, 0), length - 1),
+        )
+        here.copy_(of(here, there))
+    return result
 
 
 def _refine(
@@ -77,36 +102,51 @@ def _refine(
     pixels: Int[Tensor, " E"],
     samples: int,
     seed: int,
-    key: float,
-    colour: Float[Tensor, "N 3"],
-    cover: Float[Tensor, " N"],
+    behind: Float[Tensor, "N 3"],
+    film: _Film,
     progress: Progress | None,
     cancel: Cancel | None,
 ) -> None:
-    """Replaces `pixels` of colour and cover by the mean of stratified samples."""
+    """Replaces `pixels` of the film by the mean of stratified samples."""
     generator = torch.Generator().manual_seed(seed)
     side = math.ceil(math.sqrt(samples))
-    corner = torch.stack([pixels % camera.resolution[0], pixels // camera.resolution[0]], -1).double()
+    # the first `side` strata have a row and a column each to themselves: enough to tell a flat pixel
+    few = [(k, (2 * k + 1) % (side + 1 - side % 2)) for k in range(side)]
+    cells = few + [cell for cell in itertools.product(range(side), repeat=2) if cell not in few]
     weighted, weights, hit = torch.zeros(len(pixels), 3), torch.zeros(len(pixels)), torch.zeros(len(pixels))
-    slot = torch.arange(len(pixels))
-    for k in range(side * side):
+    low, high = torch.full((len(pixels),), torch.inf), torch.full((len(pixels),), -torch.inf)
+    slots = torch.arange(len(pixels))
+    for k, cell in enumerate(cells):
         check_cancelled(cancel)
-        cell = torch.tensor([k % side, k // side], dtype=torch.float64)
-        jitter = torch.rand(len(pixels), 2, generator=generator, dtype=torch.float64)
-        xy = corner + (cell + jitter) / side
-        for rows in chunks(len(pixels), CHUNK):
-            hits = primary_hits(camera, occluder, xy[rows], slot[rows], torch.float32)
-            if not len(hits.pixel):
-                continue
-            radiance = shader(hits).detach().float()
-            weight = 1 / (1 + radiance.mean(-1) / key)
-            weighted.index_add_(0, hits.pixel, radiance * weight[:, None])
-            weights.index_add_(0, hits.pixel, weight)
-            hit.index_add_(0, hits.pixel, torch.ones_like(weight))
+        if k == len(few):
+            slots = (high - low > CONTRAST).nonzero()[:, 0]
+        for part in chunks(len(slots), CHUNK):
+            slot = slots[part]
+            pixel = pixels[slot]
+            corner = torch.stack([pixel % camera.resolution[0], pixel // camera.resolution[0]], -1).double()
+            jitter = torch.rand(len(pixel), 2, generator=generator, dtype=torch.float64)
+            xy = corner + (torch.tensor(cell, dtype=torch.float64) + jitter) / side
+            hits = primary_hits(camera, occluder, xy, torch.arange(len(pixel)), torch.float32, sample=k + 1)
+            radiance, covered = behind[pixel], torch.zeros(len(pixel))
+            if len(hits.pixel):
+                radiance[hits.pixel] = shader(hits).detach().float()
+                covered[hits.pixel] = 1.0
+            weight = 1 / (1 + radiance.mean(-1) / film.key)
+            weighted[slot] += radiance * weight[:, None]
+            weights[slot] += weight
+            hit[slot] += covered
+            # outlines count however dark: coverage tells them
+            brightness = film.compressed(radiance).mean(-1) + covered
+            low[slot], high[slot] = (
+                torch.minimum(low[slot], brightness),
+                torch.maximum(high[slot], brightness),
+            )
         if progress is not None:
-            progress("view", 0.6 + 0.4 * (k + 1) / side**2)
-    colour[pixels] = weighted / weights.clamp_min(1e-30)[:, None]
-    cover[pixels] = hit / side**2
+            progress("view", 0.6 + 0.4 * (k + 1) / len(cells))
+    film.colour[pixels] = weighted / weights[:, None]
+    counts = torch.full((len(pixels),), float(len(few)))
+    counts[slots] = float(len(cells))
+    film.cover[pixels] = hit / counts
 
 
 def _background(colours: Colour | tuple[Colour, Colour], height: int, width: int) -> Float[Tensor, "N 3"]:

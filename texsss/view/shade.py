@@ -11,12 +11,13 @@ from texsss.light.emitters import Environment, Light
 from texsss.light.sites import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
-from texsss.numerics.sampling import bilinear
+from texsss.numerics.sampling import Texture
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor, unit
 from texsss.view import ggx
 from texsss.view.camera import Hits
 
+SEEDS_APART = 65_537  # between the rays of a pixel
 GRAZING = 0.02  # the least cosine of a visible point: normals that turn away are bent back to it
 
 
@@ -56,12 +57,12 @@ def shade(
     hits: Hits,
     mesh: Mesh,
     atlas_uv: Float[Tensor, "F 3 2"],
-    exitance: Float[Tensor, "H W 3"] | Float[Tensor, "P 3"],
+    exitance: Float[Tensor, "H W 3"] | Float[Tensor, "P 3"] | Texture,
     lights: list[Light] | tuple[Light, ...],
     *,
     eta: float = 1.4,
     gloss: Gloss | None = None,
-    albedo: Float[Tensor, "H2 W2 3"] | None = None,
+    albedo: Float[Tensor, "H2 W2 3"] | Texture | None = None,
     normals: Float[Tensor, "P 3"] | None = None,
     occluder: Occluder | None = None,
     environment_samples: int = 8,
@@ -78,15 +79,17 @@ def shade(
     """
     normal = facing(hits.points.normal(mesh) if normals is None else normals, hits.view)
     cosine = (normal * hits.view).sum(-1)
-    scattered = exitance
-    if exitance.ndim == 3:
-        scattered = bilinear(exitance, hits.points.uv(atlas_uv).to(exitance.dtype))
+    if isinstance(exitance, Tensor) and exitance.ndim == 2:
+        scattered = exitance
+    else:
+        scattered = Texture.of(exitance).at(hits.points.uv(atlas_uv))
     if albedo is not None and mesh.source_uv is not None:
-        scattered = scattered * bilinear(albedo, hits.points.uv(mesh.source_uv).to(albedo.dtype), "repeat")
+        scattered = scattered * Texture.of(albedo, "repeat").at(hits.points.uv(mesh.source_uv))
     radiance = scattered * (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None]
     if gloss is None or not lights:
         return radiance
     site = _Site(hits, mesh, normal, occluder)
+    seed = seed + SEEDS_APART * hits.sample
     generator = torch.Generator().manual_seed(seed)
     for number, light in enumerate(lights):
         if isinstance(light, Environment):
