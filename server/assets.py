@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel
-from texsss_server.problems import FOLDERS, Problem, invalid, retry_after
+from texsss_server.problems import FOLDERS, Problem, retry_after
 from texsss_server.settings import MB, Settings
 
 from texsss.errors import AssetError, LimitError, TooLarge
@@ -264,12 +264,6 @@ def too_large(unit: str, limit: int, actual: int) -> Problem:
     detail = f"Expected at most {limit:,} {unit}, got {actual:,}."
     headers = {"connection": "close"} if unit == "bytes" else {}
     return Problem("asset-too-large", detail, limit=limit, actual=actual, unit=unit, headers=headers)
-
-
-def need_name(name: str) -> None:
-    """Raises Problem: when an upload has no name to tell its kind from."""
-    if not Path(name).suffix:
-        raise invalid("Expected a name with an ending, such as head.obj.", "name", "no-ending", "query")
 
 
 def _other_magic(ending: str) -> tuple[bytes, ...]:

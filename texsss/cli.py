@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
+from texsss import openmp  # noqa: F401 - before torch
 from texsss.errors import AssetError, TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene

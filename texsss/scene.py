@@ -50,7 +50,17 @@ DEFAULT_OBJECT: dict[str, Any] = {
 """What stands in where a scene names no mesh."""
 
 
-class Scene(Model):
+class _Told(type(Model)):
+    """Scenes made by a call, `Scene(size=…)`, tell bad input in one sentence, as parsed ones do."""
+
+    def __call__(cls, *given: Any, **fields: Any) -> Any:
+        try:
+            return super().__call__(*given, **fields)
+        except ValidationError as error:
+            raise DomainError(_one_sentence(error)) from None
+
+
+class Scene(Model, metaclass=_Told):
     """Everything a bake depends on, as plain values. `Scene()` is the default scene.
 
     A scene without a mesh takes our own, and with it those of its maps, atlas, material,
@@ -196,7 +206,9 @@ def _one_sentence(error: ValidationError) -> str:
     problems = error.errors(include_url=False)
     first = problems[0]
     field = ".".join(str(part) for part in first["loc"]) or "scene"
-    message = first["msg"].removeprefix("Value error, ")
+    message = first["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
+    if first["type"] == "extra_forbidden":
+        message = "there is no field of this name"
     got = first.get("input")
     shown = f", got {got!r}" if isinstance(got, str | int | float | None) and "got" not in message else ""
     more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""

@@ -42,7 +42,7 @@ def write_glb(
 
     Positions go from mm to glTF's metres. `texture`: display-encoded values in 0..1 over `atlas_uv`,
     or the bytes of a PNG of them. TEXCOORD_0 is the atlas, so that viewers which know only one set
-    show the bake; TEXCOORD_1 is the author's set where it differs. v runs down in glTF as here.
+    show the bake; TEXCOORD_1 is the author's set, where there is one. v runs down in glTF as here.
     Vertices are split where normals or coordinates differ.
     Raises ShapeError: when `atlas_uv` does not fit the mesh. Raises AssetError: when it cannot write.
     Source: Khronos glTF 2.0; KHR_materials_unlit.
@@ -114,9 +114,8 @@ def glb(mesh: Mesh, atlas_uv: Float[Tensor, "F 3 2"], png: bytes | None = None) 
 def _split(mesh: Mesh, atlas_uv: Float[Tensor, "F 3 2"]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Attributes of the least vertices that tell all corners apart, and their indices."""
     columns = {"NORMAL": mesh.corner_normals, "TEXCOORD_0": atlas_uv}
-    source = mesh.source_uv
-    if source is not None and not (source.shape == atlas_uv.shape and bool((source == atlas_uv).all())):
-        columns["TEXCOORD_1"] = source
+    if mesh.source_uv is not None:
+        columns["TEXCOORD_1"] = mesh.source_uv
     flat = {k: v.detach().cpu().float().reshape(-1, v.shape[-1]).numpy() for k, v in columns.items()}
     vertex = mesh.faces.detach().cpu().reshape(-1).numpy().astype(np.int32)
     # one row of bytes per corner; -0 and 0 are the same number

@@ -133,16 +133,6 @@ class Stack:
         """Whether anything is a map."""
         return any(x.ndim == 3 for x in self._given())
 
-    @property
-    def total_thickness(self) -> float:
-        """Greatest depth of the bottom [mm]; infinite without one."""
-        depths = [layer.thickness for layer in self.layers]
-        return (
-            float("inf")
-            if depths[-1] is None
-            else sum(float(d.detach().amax()) for d in depths if d is not None)
-        )
-
     def table(self) -> LayerTable:
         """Coefficients per row: batch () for a uniform stack, (H, W) where anything is a map.
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import torch
 
 from texsss.media.stack import LayerTable, Stack
-from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.hankel import Material, as_table, flat_profile
 from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
@@ -51,10 +50,6 @@ class Weights:
         keys, rows = torch.unique(self.row.long() * share.shape[0] + row, return_inverse=True)
         table = self.table[keys // share.shape[0]] * share[keys % share.shape[0]][:, None]
         return replace(self, table=table, row=rows.to(torch.int32))
-
-    def row_sum(self, row: int) -> GaussianSum:
-        """The Gaussian sum of one row of the table."""
-        return GaussianSum(self.variances, self.table[row])
 
 
 def weights_for(
