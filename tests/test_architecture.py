@@ -51,7 +51,11 @@ MAY_IMPORT = {
     "plot": set(),
     "shorthand": {"errors"},
     "options": {"scene", "shorthand"},
-    "cli": {"baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors", "cache"},
+    "openmp": set(),
+    "cli": {
+        *("openmp", "baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors"),
+        "cache",
+    },
     "__init__": set(),
 }
 

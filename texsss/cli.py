@@ -258,7 +258,11 @@ def shown_progress():
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=fraction)
 
-        yield progress
+        try:
+            yield progress
+        except KeyboardInterrupt:
+            console.print("stopped; nothing was written")
+            raise typer.Exit(EXIT_INTERRUPTED) from None
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -268,9 +272,6 @@ def main(arguments: list[str] | None = None) -> None:
     except TexsssError as error:
         say("error", "red", str(error))
         sys.exit(EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        console.print("stopped; nothing was written")
-        sys.exit(EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import torch
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, DomainError
 from texsss.io.exr import write_exr
 from texsss.io.gltf import write_glb
 from texsss.io.images import encode_png, write_png
@@ -94,9 +94,13 @@ class Baked:
     def save_picture(self, path: str | Path) -> None:
         """Writes the picture alone: PNG display-encoded, EXR linear.
 
-        Raises AssetError: when it can't be written.
+        Raises AssetError: when it can't be written. Raises DomainError: for another ending.
         """
         path = Path(path)
+        if path.suffix.lower() not in (".png", ".exr"):
+            raise DomainError(
+                f"Output: expected a name that ends in .png or .exr, got {path.name!r}; rename it."
+            )
         with staging(path.parent) as temporary:
             if path.suffix.lower() == ".exr":
                 write_exr(temporary / path.name, self.picture.detach())
