@@ -113,7 +113,7 @@ BAD = {
     "unit 0": (TRIANGLE, ["--unit-mm", "0"], "mesh.unit_mm"),
     "unknown preset": (TRIANGLE, ["--material", "skim"], "marble"),
     "unknown tonemap": (TRIANGLE, ["--tonemap", "x"], "agx"),
-    "not there yet": (TRIANGLE, ["--diffusion", "octree"], "octree"),
+    "not there yet": (TRIANGLE, ["--diffusion", "parallax"], "parallax"),
     "missing albedo": (TRIANGLE, ["--albedo", "none.png"], "none.png"),
     "looks like markup": (TRIANGLE, ["--albedo", "[/].png"], "[/].png"),
     "name too long": (TRIANGLE, ["--albedo", "a" * 300 + ".png"], "cannot be read"),
