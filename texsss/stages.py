@@ -18,7 +18,7 @@ STAGE_VERSIONS = {
     "albedo": 1,
     "sites": 1,
     "light": 1,
-    "operators": 1,
+    "operators": 2,
     "bank": 1,
     "thickness": 1,
     "samples": 1,

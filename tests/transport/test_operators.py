@@ -38,7 +38,7 @@ def test_a_lit_texel_spreads_to_the_gaussian_in_mm_whatever_the_shear():
     squared = (position - position[spot]).square().sum(-1)
     for variance, copy in zip(variances.tolist(), blurred, strict=True):
         expected = gaussian(variance, squared)
-        # measured at three places of the spot: up to 6.6 %, 4.4 % and 1.4 %
+        # measured at three places of the spot: up to 5.3 %, 7.6 % and 6.4 %, a cut kernel's shape
         assert (copy - expected).norm() < 0.08 * expected.norm()
 
 
@@ -83,10 +83,13 @@ def test_gradients_are_the_adjoint():
 
 
 def test_products_know_their_transpose():
-    matrix = surface_operators(ball(32), torch.tensor([9000.0])).wide[0].up
-    x, y = torch.rand(matrix.columns, 2), torch.rand(matrix.rows, 2)
-    left = (product(matrix, x) * y).sum()
-    torch.testing.assert_close(left, (x * product(matrix.transpose, y)).sum())
+    for matrix in surface_operators(ball(32), torch.tensor([100.0, 9000.0])).matrices:
+        x, y = torch.rand(matrix.columns, 2).requires_grad_(), torch.rand(matrix.rows, 2)
+        left = (product(matrix, x) * y).sum()
+        left.backward()
+        assert x.grad is not None
+        torch.testing.assert_close(left, (x * x.grad).sum(), rtol=1e-4, atol=0)
+        torch.testing.assert_close(x.grad, product(matrix.transpose, y), rtol=1e-3, atol=1e-5)
 
 
 def test_the_bank_takes_them_in_any_order():

@@ -15,12 +15,15 @@ class Sparse:
     """A matrix in compressed rows: row i holds `value[start[i]:start[i+1]]` at `column[…]`.
 
     Indices are int32. Products are faster by far with columns of `x` that are few and stored row by row.
+    `measure` μ, where there is one: μ_i times the entry (i, j) is μ_j times the entry (j, i), so that the
+    transpose needs no room of its own.
     """
 
     start: Int[Tensor, " starts"]
     column: Int[Tensor, " entries"]
     value: Float[Tensor, " entries"]
     columns: int
+    measure: Float[Tensor, " rows"] | None = None
 
     @property
     def rows(self) -> int:
@@ -61,20 +64,21 @@ def starts(count: Int[Tensor, " rows"]) -> Int[Tensor, " starts"]:
     return torch.cat([count.new_zeros(1), count.cumsum(0)]).to(torch.int32)
 
 
-def product(
-    matrix: Sparse, x: Float[Tensor, "columns C"], symmetric: bool = False
-) -> Float[Tensor, "rows C"]:
-    """`matrix` times `x`. Differentiable in `x`, by a stored transpose unless the matrix is `symmetric`."""
-    return _Product.apply(x, matrix, symmetric)  # pyright: ignore[reportReturnType]
+def product(matrix: Sparse, x: Float[Tensor, "columns C"]) -> Float[Tensor, "rows C"]:
+    """`matrix` times `x`. Differentiable in `x`, by a stored transpose unless the matrix has a measure."""
+    return _Product.apply(x, matrix)  # pyright: ignore[reportReturnType]
 
 
 class _Product(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, matrix: Sparse, symmetric: bool) -> Tensor:
-        ctx.matrix, ctx.symmetric = matrix, symmetric
+    def forward(ctx: Any, x: Tensor, matrix: Sparse) -> Tensor:
+        ctx.matrix = matrix
         return matrix.times(x)
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None, None]:
-        transpose = ctx.matrix if ctx.symmetric else ctx.matrix.transpose
-        return product(transpose, grads[0], ctx.symmetric), None, None
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
+        measure = ctx.matrix.measure
+        if measure is None:
+            return product(ctx.matrix.transpose, grads[0]), None
+        scale = measure[:, None]
+        return product(ctx.matrix, grads[0] / scale) * scale, None

@@ -79,7 +79,9 @@ def diffusion(
                 built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
             known = variances[:, None] == built.variances.to(variances)
             crosses = known.any(1)
-            copies = built.applied(values)[known.nonzero()[:, 1]]
+            copies, asked = built.applied(values), known.nonzero()[:, 1]
+            if not torch.equal(asked, torch.arange(len(copies), device=asked.device)):
+                copies = copies[asked]
             if bool(crosses.all()):
                 return copies
             if notice is not None:

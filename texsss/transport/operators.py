@@ -1,83 +1,66 @@
 """Gaussian diffusion on the surface itself: fixed sparse operators over texels, blind to charts and seams.
 
-Texture space is only storage here: every Gaussian is a kernel over the 3-D distance between points.
-The narrowest are exchanges between neighbouring texels. Each of the others takes the result of one
-several times narrower, which is smooth, so that clusters of texels can stand for it: to the texels
-themselves, or, where wide, to a coarse grid around the surface.
+Texture space is only storage here: every Gaussian is a kernel over the 3-D distance between points, and
+each is made from a narrower one's result, so that few points say all: texels for the narrowest, then
+blocks of four texels, then clusters that grow with the Gaussian. Results of the latter come back to the
+texels together, from coarse to fine.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 
 from texsss.errors import DomainError
 from texsss.numerics.sparse import Sparse, product
 from texsss.surface.points import TexelMaps
-from texsss.transport.clusters import (
-    Clusters,
-    gaussian_between,
-    grid_around,
-    mean_from,
-    moments_of,
-    texel_clusters,
-    widths,
-)
-from texsss.transport.steps import Exchange, texel_exchange
-from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
+from texsss.transport.blocks import from_blocks, texel_blocks
+from texsss.transport.clusters import Clusters, mean_from, voxel_clusters
+from texsss.transport.interpolation import interpolation
+from texsss.transport.neighbours import Neighbourhood, neighbourhood
+from texsss.transport.smoothing import smoothing
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
-STEP = 0.85  # texels; standard deviation of the exchange between texels
-CLUSTERS_FROM = 1.1  # texels; standard deviation from which clusters can stand for a Gaussian's result
-GRID_FROM = 4.0  # texels; standard deviation from which Gaussians are evaluated on a grid
-CLUSTER_EDGE = 1.5  # of clusters, in standard deviations of what they stand for
-WIDENING = 2.2  # a Gaussian is made from one at most so many times narrower, if clusters go to texels
-GRID_PER_STD = 2.0  # nodes of the grid per standard deviation
-CLUSTERS_PER_STD = 2.2  # clusters of the lightmap for Gaussians on the grid, per standard deviation
-FADED = 1e-3  # of the typical sum of weights: texels with less are out of reach
-TEXEL_REACH = 2.8  # standard deviations
-GRID_REACH = 3.3  # ends at 2.6 cost 1 % where nothing follows
-GRID_ENTRIES = 30  # entries per texel that a Gaussian on the grid may cost
+TEXELS_TO = 1.35  # texels; standard deviation up to which Gaussians go from texels to texels
+AT_ONCE = 0.85  # texels; widest exchange between texels: several small ones take less room than a large one
+AROUND = 2.4  # texels; that those exchanges reach
+BLOCKS_FROM = 0.95  # texels; of the result that blocks can stand for
+BLOCKS_AT = 3.0  # texels; standard deviation from which results live on blocks
+CLUSTERS_AT = 5.5  # texels; and from which on clusters
+SOURCES, POINTS = (
+    2.0,
+    2.8,
+)  # per standard deviation: clusters that a Gaussian is made from, and where it is known
+ENTRIES = 13  # per texel that a Gaussian on clusters may cost; samples get sparser for it
+UP = 0.7  # standard deviation of the way back, in distances of points
+UP_VARIANCE = 0.2  # that it adds, in distances²
+ROUGH = 8.0  # texels; standard deviation from which blocks may stand for the lightmap itself
+WIDENING = 2.3  # a Gaussian is made from one at most so many times narrower at the texels
+NARROWER = (
+    5.0  # and from one at least so many times narrower above: folds of the surface count from the start
+)
+LEAST = 0.2  # share of its variance that a Gaussian's own kernel keeps
+APART = 1.25  # times narrower, at the least, at the texels
+NEAR_REACH, REACH = 2.6, 3.3  # standard deviations
 GUTTER_TRACE = 1e-6  # a gutter texel's weight: it receives and sends nothing to speak of
 
 
 @dataclass(frozen=True, eq=False)
-class Gathering:
-    """A Gaussian from clusters: `kernel` × (`mean` × result number `source`)."""
+class Step:
+    """A Gaussian of another's result: `kernel`, `times` over, × (`mean` × result `source`), then `up` towards
+    the texels.
 
-    source: int
-    mean: Sparse
-    kernel: Sparse
-
-
-@dataclass(frozen=True, eq=False)
-class OnGrid:
-    """A Gaussian on a grid of nodes (N, 3), straight from the lightmap, not yet normalised.
-
-    `moments` of clusters, `kernel` from clusters to nodes, and the way `up` to the next finer Gaussian's
-    nodes, or to the texels. `total` (P,): what a lightmap of 1 becomes; 0 where nothing is in reach.
+    `variance` [mm²]: that of the result once at the texels. `held` [mm²]: before it comes back.
     """
 
-    moments: Sparse
+    variance: float
+    held: float
+    source: int
+    mean: tuple[Sparse, ...]
     kernel: Sparse
-    node: Float[Tensor, "N 3"]
-    up: Sparse
-    total: Float[Tensor, " P"]
-
-    def at_nodes(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "N C"]:
-        """Σ area × Gaussian × values. Differentiable in `values`."""
-        clusters, channels = self.kernel.columns, values.shape[1]
-        gathered = product(self.moments, values).reshape(4, clusters, channels)
-        # four times the channels cost a product little more: it waits for the matrix
-        sent = product(self.kernel, gathered.transpose(0, 1).reshape(clusters, -1))
-        sent = sent.reshape(-1, 4, channels)
-        return sent[:, 0] + (sent[:, 1:] * self.node[:, :, None]).sum(1)
-
-    def normalised(
-        self, received: Float[Tensor, "P C"], values: Float[Tensor, "P C"]
-    ) -> Float[Tensor, "P C"]:
-        """The Gaussian mean; `values` where nothing is in reach."""
-        near = (self.total > 0)[:, None]
-        return torch.where(near, received / torch.where(near, self.total[:, None], 1), values)
+    up: Sparse | None = None
+    times: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,49 +68,48 @@ class Operators:
     """Surface diffusion for one geometry, atlas size and ladder.
 
     `variances` (K,) [mm²], in the order asked for. Results are numbered: 0 is the lightmap, then one per
-    step in `near` (between texels by the variance given, or gathered from clusters), then those of `wide`,
-    finest grid first. `result` (K,): the number that each variance has.
+    step at the `texels`, then those `above`, on ever coarser points. `result` (K,): the number that each
+    variance has.
     """
 
     variances: Float[Tensor, " K"]
     result: tuple[int, ...]
-    exchange: Exchange | None
-    near: tuple[float | Gathering, ...]
-    wide: tuple[OnGrid, ...]
+    texels: tuple[Step, ...]
+    above: tuple[Step, ...]
 
     @property
     def matrices(self) -> list[Sparse]:
-        """All of them; those of clusters and grids keep a transpose, too, once gradients were asked for."""
-        near = [m for g in self.near if isinstance(g, Gathering) for m in (g.mean, g.kernel)]
-        exchange = [] if self.exchange is None else [self.exchange.weight]
-        return exchange + near + [m for w in self.wide for m in (w.moments, w.kernel, w.up)]
+        """All of them; those without a measure keep a transpose, too, once gradients were asked for."""
+        steps = (*self.texels, *self.above)
+        return [m for s in steps for m in (*s.mean, s.kernel, s.up) if m is not None]
 
     @property
     def bytes(self) -> int:
         """Memory of all matrices, without transposes."""
-        return sum(matrix.bytes for matrix in self.matrices)
+        return sum({id(matrix): matrix.bytes for matrix in self.matrices}.values())
 
     def applied(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "K P C"]:
         """`values` convolved with every Gaussian, in the order of `variances`. Differentiable in `values`."""
         results = [values]
-        for step in self.near:
-            if isinstance(step, Gathering):
-                results.append(_gathered(step, results))
-            else:
-                assert self.exchange is not None, "steps between texels come with an exchange"
-                results.append(self.exchange.applied(results[-1], step))
+        means: dict[tuple[int, int], Tensor] = {}
+        for step in (*self.texels, *self.above):
+            x = results[step.source]
+            for matrix in step.mean:
+                known = (id(x), id(matrix))
+                x = means[known] = means[known] if known in means else product(matrix, x)
+            for _ in range(step.times):
+                x = product(step.kernel, x)
+            results.append(x)
+        first = 1 + len(self.texels)
         coarser: tuple[Tensor, ...] = ()
-        for level in reversed(self.wide):
-            # all coarser ones come along as further channels
-            own = level.at_nodes(values)
-            coarser = product(level.up, torch.cat([own, *coarser], 1)).split(values.shape[1], 1)
-        results.extend(w.normalised(c, values) for w, c in zip(self.wide, coarser, strict=True))
+        for step, own in reversed(list(zip(self.above, results[first:], strict=True))):
+            coarser = (own, *coarser)
+            if step.up is not None:
+                # all coarser ones come along as further channels
+                coarser = product(step.up, torch.cat(coarser, 1)).split(values.shape[1], 1)
+        results[first:] = coarser
         chosen = [results[number] for number in self.result]
         return torch.stack(chosen) if chosen else values.new_empty(0, *values.shape)
-
-
-def _gathered(step: Gathering, results: list[Tensor]) -> Tensor:
-    return product(step.kernel, product(step.mean, results[step.source]))
 
 
 def surface_operators(
@@ -152,91 +134,141 @@ def surface_operators(
     ladder = sorted({float(v) for v in variances if v > 0})
     for number, variance in enumerate(ladder):
         builder.tell(number / max(1, len(ladder)))
-        builder.add(math.sqrt(variance))
+        builder.add(variance)
     builder.tell(1.0)
-    near = [0.0, *builder.deviations]
-    numbers = {0.0: 0} | {v: near.index(math.sqrt(v)) for v in ladder if math.sqrt(v) in near}
-    numbers |= {v: len(near) + i for i, v in enumerate(v for v in ladder if math.sqrt(v) not in near)}
+    numbers = {0.0: 0} | {s.variance: 1 + i for i, s in enumerate((*builder.near, *builder.above))}
     result = tuple(numbers[float(v)] for v in variances)
-    return Operators(variances, result, builder.exchange, tuple(builder.near), tuple(builder.wide))
+    return Operators(variances, result, tuple(builder.near), tuple(builder.above))
+
+
+def fine_texel(texels: TexelMaps) -> float:
+    """Edge of a texel [mm] that counts the small ones, so that there are never too many within reach."""
+    area = texels.area[texels.area > 0].detach()
+    harmonic = float((1 / area.double()).mean().rsqrt()) if len(area) else 0.0
+    return max(min(texels.texel_mm, harmonic), 1e-30)
 
 
 class _Builder:
     """Operators in the making, narrowest first."""
 
     def __init__(self, texels: TexelMaps, progress: Progress | None, cancel: Cancel | None):
-        self.progress, self.cancel = progress, cancel
-        position = texels.points.position(texels.mesh).detach()
-        self.position = position - position.mean(0)
-        self.area = texels.area.detach().to(self.position)
-        self.typical = max(texels.texel_mm, 1e-30)  # mm
-        self.exchange: Exchange | None = None
-        self.near: list[float | Gathering] = []
-        self.deviations: list[float] = []  # standard deviations of the results at the texels [mm]
-        self.wide: list[OnGrid] = []
-        self.node, self.owed = self.position, 0.0  # of the coarsest grid so far
-        self.clusters: dict[int, Clusters] = {}
+        self.texels, self.progress, self.cancel = texels, progress, cancel
+        place = texels.points.position(texels.mesh).detach()
+        self.place = place - place.mean(0)
+        self.area = texels.area.detach().to(self.place)
+        self.typical = fine_texel(texels)
+        self.near: list[Step] = []
+        self.above: list[Step] = []
+        self.around: Neighbourhood | None = None
+        self.points: list[Clusters] = []  # where the results above are evaluated
+        self.owed = 0.0  # variance that the way from the coarsest points to the texels adds
 
     def tell(self, done: float) -> None:
         check_cancelled(self.cancel)
         if self.progress is not None:
             self.progress("operators", done)
 
-    def add(self, deviation: float) -> None:
-        """Add the Gaussian of `deviation` [mm], and narrower ones on the way where they are too far."""
-        if self.wide or deviation > GRID_FROM * self.typical:
-            return self._add_on_grid(deviation)
-        last = self.deviations[-1] if self.deviations else 0.0
-        if last < CLUSTERS_FROM * self.typical:
-            if deviation > WIDENING * 1.2 * self.typical:
-                self.add(1.2 * self.typical)
-                return self.add(deviation)
-            if self.exchange is None:
-                self.exchange = self._texel_exchange()
-            self.near.append(deviation**2 - last**2)
+    def add(self, variance: float) -> None:
+        """Add the Gaussian of `variance` [mm²], and narrower ones on the way where they are too far."""
+        last = max((s.variance for s in (*self.near, *self.above)), default=0.0)
+        std = math.sqrt(variance) / self.typical
+        if std <= TEXELS_TO and not self.above:
+            return self._between_texels(variance, last)
+        served = last >= (BLOCKS_FROM * self.typical) ** 2
+        if not served and std < ROUGH:
+            self.add(((BLOCKS_FROM + 0.2) * self.typical) ** 2)
+            return self.add(variance)
+        if served and math.sqrt(variance / last) > WIDENING:
+            self.add(math.sqrt(variance * last))
+            return self.add(variance)
+        if std < BLOCKS_AT:
+            self._to_texels(variance)
         else:
-            if deviation > WIDENING * last:
-                self.add(last * math.sqrt(deviation / last))
-                return self.add(deviation)
-            source = len(self.deviations)
-            clusters = self._clusters_of(source)
-            added = deviation**2 - last**2
-            kernel = mean_from(clusters, self.position, added, TEXEL_REACH, self.cancel)
-            self.near.append(Gathering(source, clusters.mean, kernel))
-        self.deviations.append(deviation)
+            self._above(variance, std)
 
-    def _add_on_grid(self, deviation: float) -> None:
-        share = self._sampling(deviation)
-        edge = deviation / (GRID_PER_STD * share)
-        grid = grid_around(self.node, edge)
-        self.owed += edge**2 / 6
-        clusters = texel_clusters(self.position, self.area, deviation / (CLUSTERS_PER_STD * share))
-        width = widths(clusters, deviation**2, self.owed, GRID_REACH)
-        kernel = gaussian_between(clusters, grid.node, width, GRID_REACH, self.cancel)
-        moments = moments_of(clusters, self.position, width)
-        level = OnGrid(moments, kernel, grid.node, grid.up, torch.empty(0))
-        total = level.at_nodes(torch.ones_like(self.position[:, :1]))
-        for up in (grid.up, *(w.up for w in reversed(self.wide))):
-            total = up.times(total)
-        total = total[:, 0]
-        total = torch.where(total > FADED * total.median(), total, 0)
-        self.node = grid.node
-        self.wide.append(replace(level, total=total))
-
-    def _sampling(self, deviation: float) -> float:
-        """How densely to sample, against the constants' advice: as far as GRID_ENTRIES allow."""
-        area = float(self.area.sum())
-        entries = 168 * (GRID_PER_STD * CLUSTERS_PER_STD) ** 2 * area / deviation**2
-        return min(1.0, (GRID_ENTRIES * len(self.position) / max(entries, 1.0)) ** 0.25)
-
-    def _clusters_of(self, number: int) -> Clusters:
-        if number not in self.clusters:
-            edge = CLUSTER_EDGE * self.deviations[number - 1]
-            self.clusters[number] = texel_clusters(self.position, self.area, edge)
-        return self.clusters[number]
-
-    def _texel_exchange(self) -> Exchange:
+    def _between_texels(self, variance: float, last: float) -> None:
         lit = self.area > 0
         area = torch.where(lit, self.area, GUTTER_TRACE * self.typical**2)
         edge = torch.where(lit, self.area.sqrt(), self.typical)
-        return texel_exchange(self.position, area, edge, (STEP * self.typical) ** 2, self.cancel)
+        added = variance - last
+        times = math.ceil(added / (AT_ONCE * self.typical) ** 2)
+        if self.around is None:
+            self.around = neighbourhood(self.place, AROUND * self.typical, self.cancel)
+        kernel = smoothing(self.around, area, edge, added / times, self.cancel)
+        self.near.append(Step(variance, variance, len(self.near), (), kernel, times=times))
+
+    def _to_texels(self, variance: float) -> None:
+        source, held = self._near_source(variance, APART)
+        self.around = None
+        kernel = mean_from(self.blocks, self.place, variance - held, NEAR_REACH, self.cancel)
+        self.near.append(Step(variance, variance, source, (self.blocks.mean,), kernel))
+
+    def _near_source(self, variance: float, narrower: float) -> tuple[int, float]:
+        """Number and variance of the widest result at the texels that is so many times narrower.
+
+        Or else of the narrowest that blocks can stand for, or of the lightmap itself.
+        """
+        able = [
+            (1 + i, s.variance)
+            for i, s in enumerate(self.near)
+            if s.variance >= (BLOCKS_FROM * self.typical) ** 2
+        ]
+        first = able[0] if able else (0, 0.0)
+        return max((a for a in able if a[1] * narrower**2 <= variance), default=first)
+
+    @cached_property
+    def blocks(self) -> Clusters:
+        """Texels in fours."""
+        return self._blocks[0]
+
+    @cached_property
+    def _blocks(self) -> tuple[Clusters, Int[Tensor, "h w"]]:
+        return texel_blocks(self.texels, self.place, self.area, self.typical)
+
+    def _above(self, variance: float, std: float) -> None:
+        below = self.points[-1] if self.points else None
+        up = None
+        if below is None:
+            points = self.blocks
+            deviation = UP * 2 * self.typical
+            up, added = from_blocks(
+                self.texels, points, self._blocks[1], self.place, self.typical, deviation, self.cancel
+            )
+            self.owed += added
+        elif std < CLUSTERS_AT:
+            points = below
+        else:
+            edge = math.sqrt(variance) / (POINTS * self._share(variance))
+            points = voxel_clusters(below.centre, below.area, edge)
+            added = UP_VARIANCE * edge**2
+            up = interpolation(points, below.centre, UP * edge, added, self.cancel)
+            self.owed += added
+        held = variance - self.owed
+        number, source, mean, held_there = self._source(variance)
+        kernel = mean_from(
+            source, points.centre, max(held - held_there, LEAST * variance), REACH, self.cancel
+        )
+        self.above.append(Step(variance, held, number, mean, kernel, up))
+        self.points.append(points)
+
+    def _share(self, variance: float) -> float:
+        """How densely to sample, against the constants' advice: as far as ENTRIES allow."""
+        # voxels cut a surface into some 1.4 clusters per edge²
+        entries = 1.4**2 * math.pi * (REACH * SOURCES * POINTS) ** 2 * float(self.area.sum()) / variance
+        return min(1.0, (ENTRIES * len(self.place) / entries) ** 0.25)
+
+    def _source(self, variance: float) -> tuple[int, Clusters, tuple[Sparse, ...], float]:
+        """Result number, clusters that stand for it, the way to them, the variance it holds."""
+        able = [i for i, s in enumerate(self.above) if s.held * NARROWER**2 <= variance]
+        edge = math.sqrt(variance) / (SOURCES * self._share(variance))
+        if not able:
+            number, held = self._near_source(variance, NARROWER)
+            mean, points = (self.blocks.mean,), self.blocks
+        else:
+            number = able[-1]
+            mean, held, points = (), self.above[number].held, self.points[number]
+            number += 1 + len(self.near)
+        if points is self.blocks and edge < 2.7 * self.typical:
+            return number, points, mean, held
+        source = voxel_clusters(points.centre, points.area, edge)
+        return number, source, (*mean, source.mean), held
