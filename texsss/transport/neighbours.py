@@ -87,11 +87,6 @@ def voxel_keys(points: Float[Tensor, "P 3"], low: Float[Tensor, "3"], edge: floa
     return (x * KEY + y) * KEY + z
 
 
-def voxel_of(key: Int[Tensor, " P"]) -> Int[Tensor, "P 3"]:
-    """The place (x, y, z) of the voxels with these keys, from the corner that they were counted from."""
-    return torch.stack([key // (KEY * KEY), key // KEY % KEY, key % KEY], 1) - MARGIN
-
-
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
     """The points around every point of one set, itself among them, in compressed rows.
