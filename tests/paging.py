@@ -7,8 +7,13 @@ from urllib.parse import quote
 import numpy as np
 
 SETTLED = "#badge[data-state=final]"
-SMALL = {"atlas": {"size": 64}}
-"""A scene that bakes in a moment."""
+
+
+METHODS = {
+    **{"profile": "layered-sp3", "diffusion": "uv", "rule": "exit", "terms": 8, "incidence": "diffuse"},
+    **{"single_scattering": "none", "march_samples": 4},
+}
+"""All of them, the quick one for diffusion: a scene with a mesh of its own starts from the page's."""
 
 
 def address(scene: dict) -> str:
@@ -35,11 +40,11 @@ def settle(page, act) -> None:
     """Does `act` and waits until the light it asks for is on the object in full."""
     before = page.evaluate("window.texsss.live.settles")
     act()
-    deadline = 300
+    deadline = 600
     while page.evaluate("window.texsss.live.settles") == before:
         page.wait_for_timeout(50)
         deadline -= 1
-        assert deadline, "nothing new was shown within 15 s"
+        assert deadline, "nothing new was shown within 30 s"
 
 
 def pose(page) -> dict:

@@ -46,11 +46,16 @@ class Running:
         return found
 
 
-def launch(folder: Path, name: str, **settings: object) -> Running:
-    """Starts `texsss serve` with settings by environment; returns when the socket answers."""
+def free_port() -> int:
+    """A port of loopback that nothing listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+        return probe.getsockname()[1]
+
+
+def launch(folder: Path, name: str, **settings: object) -> Running:
+    """Starts `texsss serve` with settings by environment; returns when the socket answers."""
+    port = settings.pop("port", None) or free_port()
     assets = folder / f"{name}-assets"
     given = {"assets_dir": assets, "host": "127.0.0.1", "port": port, "threads": 1, "warm": False, **settings}
     environment = os.environ | {f"TEXSSS_{key.upper()}": str(value) for key, value in given.items()}

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from paging import SETTLED, SMALL, address
-from serving import Running, end, launch, until_ready
+from paging import SETTLED, address
+from serving import OBJ, Running, end, launch, torus_obj, until_ready
 
 STATIC = Path(__file__).parents[2] / "server" / "static"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -49,6 +49,25 @@ def page_server(tmp_path_factory) -> Iterator[Running]:
 
 
 @pytest.fixture(scope="session")
+def ring(page_server) -> dict:
+    """A scene that bakes in a moment: an uploaded torus of skin, lit from the side."""
+    with page_server.client(**OBJ) as client:
+        asset = client.post("/v1/assets", params={"name": "ring.obj"}, content=torus_obj()).json()["asset"]
+    return ring_of(asset)
+
+
+def ring_of(asset: str) -> dict:
+    lamp = {"type": "point", "position_mm": [300, 150, 250], "intensity_w_per_sr": [0.8, 0.8, 0.8]}
+    return {
+        "mesh": {"source": {"asset": asset}, "unit_mm": 1.0},
+        "maps": {},
+        "atlas": {"size": 64},
+        "material": {"layers": [{"medium": "skin1"}], "surface": {"roughness": 0.35}},
+        "lights": [lamp],
+    }
+
+
+@pytest.fixture(scope="session")
 def browser():
     from playwright.sync_api import sync_playwright
 
@@ -59,18 +78,18 @@ def browser():
 
 
 @pytest.fixture
-def visit(browser, page_server) -> Iterator[Callable]:
-    """Opens the page at an address of the server; at the end no error may have been logged."""
+def visit(browser, page_server, ring) -> Iterator[Callable]:
+    """Opens the page on the ring, parts of its scene replaced; at the end no error may have been logged."""
     contexts, said = [], []
 
     def hear(message):
         if message.type == "error" and "GPU stall due to ReadPixels" not in message.text:
             said.append(message.text)
 
-    def open_page(
-        scene: dict | None = SMALL, *, path: str | None = None, server: Running = page_server, **options
-    ):
-        options = {"viewport": {"width": 900, "height": 640}, "reduced_motion": "reduce", **options}
+    def open_page(scene: dict | None = None, *, path: str | None = None, server=page_server, **options):
+        # a coarse screen: without a graphics card every pixel costs
+        coarse = {"viewport": {"width": 860, "height": 640}, "device_scale_factor": 0.5}
+        options = {**coarse, "reduced_motion": "reduce", **options}
         context = browser.new_context(base_url=server.url, **options)
         context.set_default_timeout(TIMEOUT_MS)
         contexts.append(context)
@@ -78,7 +97,7 @@ def visit(browser, page_server) -> Iterator[Callable]:
         page.on("console", hear)
         page.on("pageerror", lambda error: said.append(str(error)))
         page.said = said
-        page.goto(path or address(scene or {}))
+        page.goto(path or address(ring | (scene or {})))
         page.wait_for_selector(SETTLED)
         return page
 

@@ -1,11 +1,12 @@
 """The object on screen: it is there, it follows what is asked of it, and the camera stays."""
 
 import numpy as np
-from paging import pixels, pose, settle
+from paging import address, pixels, pose, settle
 
 
 def test_first_picture_is_not_flat(visit):
-    page = visit()
+    """The default object, with its maps."""
+    page = visit(path=address({"atlas": {"size": 64}}))
     seen = pixels(page)
     middle = seen[seen.shape[0] // 4 : -seen.shape[0] // 4, seen.shape[1] // 4 : -seen.shape[1] // 4]
     assert middle.max() > 120 and middle.std() > 25  # measured 255, 61

@@ -25,7 +25,8 @@ export class Problem extends Error {
 /** The service can't be reached. */
 export class Offline extends Error {}
 
-const CLIENT = `page-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
+/** A name for one who asks for drafts: a newer one takes the place of its older ones. */
+export const clientName = (): string => `page-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
 
 async function ask(url: string, init: RequestInit): Promise<Response> {
   let response: Response;
@@ -43,14 +44,15 @@ async function problemOf(response: Response): Promise<Problem> {
   const wait = Number(response.headers.get("retry-after") ?? 0);
   const body = await response.json().catch(() => ({}));
   const slug = String(body.type ?? "").split("/").pop() || "unknown";
-  const detail = String(body.detail ?? response.statusText);
+  const detail = String(body.reason ?? body.detail ?? response.statusText);
   return new Problem(response.status, slug, String(body.title ?? "Something went wrong"), detail, body.errors ?? [], wait);
 }
 
 interface Options {
   signal?: AbortSignal;
   accept?: string;
-  draft?: boolean;
+  /** Whose draft this is. */
+  client?: string;
   progress?: (stage: string, fraction: number) => void;
 }
 
@@ -58,7 +60,7 @@ interface Options {
 async function post(url: string, scene: object, options: Options = {}): Promise<Response> {
   const headers: Record<string, string> = { "content-type": "application/json" };
   if (options.accept) headers.accept = options.accept;
-  if (options.draft) headers["x-client-id"] = CLIENT;
+  if (options.client) headers["x-client-id"] = options.client;
   if (options.progress) headers.prefer = "respond-async";
   const body = JSON.stringify(scene);
   for (let tries = 0; ; tries++) {
@@ -131,7 +133,8 @@ export const api = {
     return (await post(url, scene, { ...options, accept: "image/png" })).blob();
   },
   async image(scene: object, image: string, options?: Options): Promise<Response> {
-    return post(`/v1/render?image=${image}`, scene, options);
+    const quality = options?.client ? "&quality=draft" : "";
+    return post(`/v1/render?image=${image}${quality}`, scene, options);
   },
   async bake(scene: object, options?: Options): Promise<Blob> {
     return (await post("/v1/bake", scene, { ...options, accept: "model/gltf-binary" })).blob();

@@ -1,150 +1,255 @@
 // The studio: viewer, panels and the service, joined by one store.
 
 import { Vector3 } from "three";
-import { api } from "./api";
-import { h, iconButton } from "./dom";
+import { api, Problem } from "./api";
+import { Bar, theme } from "./bar";
+import { Compare } from "./compare";
+import { exportDialog, helpDialog } from "./dialogs";
+import { h, save } from "./dom";
+import { portable } from "./export";
+import { Files } from "./files";
 import { aimed, expanded, type Movable, movable, towards } from "./lights";
-import { type Badge, Live } from "./live";
+import { Live } from "./live";
+import { Marching } from "./marching";
+import { InsidePanel } from "./panels/inside";
 import { LayersPanel } from "./panels/layers";
 import { LightPanel } from "./panels/light";
 import { SurfaceSection, viewSection } from "./panels/look";
+import { MethodPanel } from "./panels/method";
+import { ObjectPanel } from "./panels/object";
+import { ProfilePanel } from "./panels/profile";
+import { Tabs } from "./panels/tabs";
 import { type Shared, writeHash } from "./share";
-import { fromScene, type State, toScene } from "./state";
+import { bakedPart, fromScene, type State, toScene } from "./state";
+import { Status } from "./status";
 import { Store } from "./store";
-import { clearProblems, showProblem, toast } from "./toast";
-import type { Preset, Scene } from "./types";
+import { clearProblems, showProblem } from "./toast";
+import type { Preset, Scene, Showing } from "./types";
 import { LightHandle } from "./view/handle";
+import { dressLook } from "./view/look";
 import type { Pose } from "./view/orbit";
 import { Viewer } from "./view/viewer";
 
-const DRAFT_BACKDROP: [[number, number, number], [number, number, number]] = [
+const BACKDROP: Showing["background"] = [
   [0.02, 0.024, 0.03],
   [0.075, 0.082, 0.092],
 ];
+const REMEMBER_MS = 250;
+const HOME = [0.62, 0.36, 0.7] as const; // where other meshes are seen from
+
+const reducedMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 export class App {
   readonly store: Store;
   readonly viewer: Viewer;
   readonly live: Live;
+  readonly compare: Compare;
   readonly initial: State;
+  readonly files: Files;
+  readonly status: Status;
+  readonly inside: InsidePanel;
+  private readonly panels: { sync(): void }[];
   private readonly layers: LayersPanel;
+  private readonly profile = new ProfilePanel();
   private readonly lights: LightPanel;
   private readonly handle: LightHandle;
+  private readonly marching: Marching;
+  private readonly bar: Bar;
+  private readonly camera: Scene["camera"];
   private pose: Pose | null;
   private framed = "";
-  private readonly camera: Scene["camera"];
   private dragging = false;
+  private profiled = "";
+  private timers = { remember: 0, profile: 0 };
   activeLight = 0;
 
   constructor(scenes: { scene: Scene }[], presets: Preset[], shared: Shared | null) {
     const scene = { ...scenes[0].scene, ...shared?.scene } as Scene;
-    this.camera = scene.camera;
+    this.camera = scenes[0].scene.camera;
     this.initial = fromScene(scene, presets);
-    this.store = new Store(shared?.state ?? structuredClone(this.initial));
+    const store = (this.store = new Store(shared?.state ?? structuredClone(this.initial)));
     this.pose = shared?.pose ?? null;
-    const canvas = document.querySelector<HTMLCanvasElement>("#canvas")!;
-    const frame = document.querySelector<HTMLElement>("#view")!;
-    const overlay = document.querySelector<HTMLElement>("#overlay")!;
-    this.viewer = new Viewer(canvas, frame, {
-      moved: () => this.handle?.place(),
+    const find = (id: string) => document.getElementById(id)!;
+    const overlay = find("overlay");
+
+    const viewer = (this.viewer = new Viewer(find("canvas") as HTMLCanvasElement, find("view"), {
+      moved: () => {
+        this.handle?.place();
+        this.marching?.moved();
+      },
       rested: () => this.remember(),
       light: (yaw, pitch) => this.turnLight(yaw, pitch),
       lightDone: () => this.lightDone(),
-      drawn: () => undefined,
-      lost: () => undefined,
-      restored: () => undefined,
-    });
-    this.handle = new LightHandle(overlay, this.viewer, { turn: (yaw, pitch) => this.turnLight(yaw, pitch), done: () => this.lightDone() });
-    const badge = h("div", { id: "badge" });
-    overlay.append(badge);
+      lost: () => this.status.away("The graphics card was taken away; waiting for it…"),
+      restored: () => this.status.away(null),
+    }));
+    this.status = new Status(() => this.live.cancel());
     this.live = new Live({
-      badge: (value) => this.showBadge(badge, value),
-      showing: (showing) => {
-        this.viewer.uniforms.eta.value = showing.eta;
-        this.viewer.uniforms.transmittance.value = showing.transmittance;
-        this.lights.sync();
-        this.showLights();
+      badge: (badge) => this.status.show(badge),
+      ground: (showing, geometry) => {
+        if (geometry) viewer.setGeometry(geometry);
+        this.frameOnce();
+        this.show();
+        for (const panel of this.panels) panel.sync();
+        if (this.profiled) this.drawProfile();
+        this.announce(geometry ? `${this.name} is shown, ${showing.mesh.faces} triangles` : "");
       },
-      geometry: (geometry) => {
-        this.viewer.setGeometry(geometry);
-        this.frameFirst();
+      light: (texture, final) => {
+        viewer.setLight("B", texture);
+        if (final) this.inside.values(final);
       },
-      light: (texture) => this.viewer.setLight("B", texture),
-      map: (kind, texture) => this.viewer.setMap(kind, texture),
-      settled: () => clearProblems(),
-      problem: showProblem,
-      offline: () => undefined,
+      map: (kind, texture) => viewer.setMap(kind, texture),
+      settled: () => {
+        clearProblems();
+        this.drawProfile();
+        this.marching.moved();
+        void this.compare.measure();
+      },
+      problem: (error) => void this.problem(error),
+      online: (yes) => this.status.away(yes ? null : "The service can't be reached. Trying again…"),
     });
-    const host = {
-      takeMap: (file: File) => this.takeMap(file),
-      pickFile,
-      announce: (text: string) => void (document.getElementById("status")!.textContent = text),
-    };
-    this.layers = new LayersPanel(this.store, presets, this.initial, host);
-    const lightHost = {
+    this.files = new Files(store, find("view"), {
+      shown: (kind) => kind === "mesh" && this.bar.announceMesh(),
+      initial: this.initial,
+      busy: (text) => this.status.show(text ? { state: "busy", texels: store.state.atlas.size, ms: 0, stage: "mesh", fraction: 0 } : { state: "final", texels: store.state.atlas.size, ms: 0 }),
+    });
+    this.handle = new LightHandle(overlay, viewer, { turn: (yaw, pitch) => this.turnLight(yaw, pitch), done: () => this.lightDone() });
+    this.marching = new Marching({
+      viewer,
+      state: () => store.state,
+      pose: () => viewer.orbit.pose,
+      allowed: () => ["picture", "single"].includes(this.inside.key) && viewer.unfolded === 0 && !store.editing && this.framed !== "",
+      reducedMotion,
+      busy: (text) => this.status.busy(text),
+    });
+    this.inside = new InsidePanel({
+      viewer,
+      state: () => store.state,
       showing: () => this.live.showing,
-      active: this.activeLight,
-      select: (index: number) => {
-        lightHost.active = this.activeLight = index;
-        this.lights.sync();
-        this.showLights();
+      look: (image) => {
+        if (image !== this.live.image) this.live.look(image);
+        this.compare.sync();
+        this.remember();
       },
-    };
-    this.lights = new LightPanel(this.store, lightHost);
-    const surface = new SurfaceSection(this.store, this.initial, host);
-    const view = viewSection(this.store, this.initial);
-    document.querySelector("#panel")!.append(this.layers.element, surface.element, this.lights.element, view.element);
-    document.querySelector("#bar")!.append(
-      h("strong", null, "texsss"),
-      iconButton("undo", "Undo", () => this.store.undo(), "Ctrl+Z"),
-      iconButton("redo", "Redo", () => this.store.redo(), "Ctrl+Shift+Z"),
-    );
-    this.store.listen(() => {
-      this.layers.sync();
-      this.lights.sync();
-      surface.sync();
-      for (const control of view.controls) control.sync();
+      single: (on) => {
+        this.marching.alone = on;
+        this.marching.moved();
+      },
+      reducedMotion,
+      moved: () => {
+        this.handle.place();
+        this.marching.moved();
+      },
+    });
+    this.compare = new Compare({
+      viewer,
+      state: () => store.state,
+      live: this.live,
+      showing: () => this.live.showing,
+      lights: (state) => expanded(state.lights, this.live.showing),
+      announce: (text) => this.announce(text),
+      changed: () => this.remember(),
+    });
+
+    const host = { takeMap: (file: File) => this.files.takeMap(file), pickFile: (accept: string) => this.files.pick(accept), announce: (text: string) => this.announce(text) };
+    this.layers = new LayersPanel(store, presets, this.initial, host);
+    const app = this;
+    this.lights = new LightPanel(store, {
+      showing: () => this.live.showing,
+      get active() {
+        return app.activeLight;
+      },
+      set active(index: number) {
+        app.activeLight = index;
+      },
+      select: (index) => {
+        this.activeLight = index;
+        this.lights.sync();
+        this.show();
+      },
+    });
+    const surface = new SurfaceSection(store, this.initial, host);
+    const view = viewSection(store, this.initial);
+    const object = new ObjectPanel(store, { showing: () => this.live.showing, openMesh: () => void this.files.openMesh(), sample: () => this.files.sample(), scene: () => this.scene(), name: () => this.name });
+    const method = new MethodPanel(store, this.initial);
+    this.panels = [this.layers, surface, this.lights, { sync: () => view.controls.forEach((control) => control.sync()) }, object, method, this.inside];
+
+    const tabs = new Tabs((name) => name === "Inside" && this.profile.draw());
+    tabs.add("Material", this.layers.element, surface.element);
+    tabs.add("Light", this.lights.element, view.element);
+    tabs.add("Object", object.element);
+    tabs.add("Inside", this.inside.element, this.profile.element, method.element);
+    find("panel").append(tabs.list, tabs.panels);
+
+    const help = helpDialog();
+    const out = exportDialog(() => portable(this.scene(), this.files.names), () => this.saveModel());
+    this.bar = new Bar(find("bar"), find("view"), {
+      store,
+      viewer,
+      compare: this.compare,
+      openMesh: () => void this.files.openMesh(),
+      home: () => this.home(),
+      frame: () => this.home(viewer.camera.position.clone().sub(viewer.orbit.target).toArray()),
+      help: () => help.showModal(),
+      exports: () => {
+        out.refresh();
+        out.showModal();
+      },
+      link: async () => {
+        await this.writeAddress();
+        return location.href;
+      },
+      rested: () => this.remember(),
+      themed: () => this.profile.draw(),
+      name: () => this.name,
+    });
+    const hint = h("p", { id: "hint" }, "Drag to turn · drag the sun to move the light · scroll to zoom");
+    overlay.append(this.compare.overlay, this.inside.legend, this.status.banner, this.status.progress, hint, this.status.badge);
+    document.querySelector("#view")!.addEventListener("pointerdown", () => setTimeout(() => hint.classList.add("gone"), 4000), { once: true });
+    theme();
+
+    store.listen(() => {
+      for (const panel of this.panels) panel.sync();
+      this.bar.sync();
       this.show();
-      this.live.want(this.store.state, this.store.editing);
-      if (!this.store.editing) this.remember();
+      this.live.want(store.state, store.editing);
+      this.compare.sync(store.editing);
+      this.marching.moved();
+      if (!store.editing) this.remember();
     });
     this.show();
-    this.live.want(this.store.state, false);
+    this.restoreView(shared?.view);
+    this.live.want(store.state, false);
+  }
+
+  private get name(): string {
+    const { asset } = this.store.state.mesh.source;
+    return ((asset && this.files.names[asset]) ?? this.live.showing?.mesh.name ?? "").replace(/\.\w+$/, "");
   }
 
   /** What the page's own shader shows of the state. */
   private show(): void {
-    const { surface, output } = this.store.state;
-    const { uniforms } = this.viewer;
-    const number = (value: unknown, otherwise: number) => (typeof value === "number" ? value : otherwise);
-    uniforms.roughness.value = number(surface.roughness, 0.4);
-    uniforms.specular.value = number(surface.specular, 1);
-    uniforms.secondLobe.value = surface.second_lobe ?? 0;
-    uniforms.albedoRoot.value = surface.albedo_mode === "both";
-    uniforms.normalY.value = surface.normal_y === "-y" ? -1 : 1;
-    this.viewer.setOutput(output.exposure_ev, output.tonemap);
-    this.viewer.setBackground(output.background ?? DRAFT_BACKDROP);
-    this.showLights();
-  }
-
-  private showLights(): void {
-    const lights = expanded(this.store.state.lights, this.live.showing);
-    this.viewer.setLights(lights);
-    const light = lights[this.activeLight];
-    this.handle.set(light && movable(light) ? towards(light, this.viewer.centre) : null);
+    const { state } = this.store;
+    const lights = expanded(state.lights, this.live.showing);
+    dressLook(this.viewer.looks.B, state, this.live.showing, lights);
+    this.viewer.setOutput(state.output.exposure_ev, state.output.tonemap);
+    this.viewer.setBackground(state.output.background ?? BACKDROP);
+    const light = lights[this.activeLight] ?? lights[0];
+    this.handle.set(light && movable(light) && this.live.showing ? towards(light, this.viewer.centre) : null);
   }
 
   private turnLight(yaw: number, pitch: number): void {
-    const { state } = this.store;
-    const lights = expanded(state.lights, this.live.showing);
-    const light = lights[this.activeLight];
+    const lights = expanded(this.store.state.lights, this.live.showing);
+    const index = Math.min(this.activeLight, lights.length - 1);
+    const light = lights[index];
     if (!light || !movable(light)) return;
-    const up = new Vector3().setFromMatrixColumn(this.viewer.camera.matrixWorld, 1);
-    const right = new Vector3().setFromMatrixColumn(this.viewer.camera.matrixWorld, 0);
+    const { matrixWorld } = this.viewer.camera;
+    const up = new Vector3().setFromMatrixColumn(matrixWorld, 1);
+    const right = new Vector3().setFromMatrixColumn(matrixWorld, 0);
     const direction = towards(light, this.viewer.centre).applyAxisAngle(up, yaw).applyAxisAngle(right, pitch);
     this.dragging = true;
     this.store.edit((next) => {
-      next.lights = lights.map((one, i) => (i === this.activeLight ? aimed(one as Movable, this.viewer.centre, direction) : one));
+      next.lights = lights.map((one, i) => (i === index ? aimed(one as Movable, this.viewer.centre, direction) : one));
     }, true);
   }
 
@@ -153,58 +258,87 @@ export class App {
     this.dragging = false;
   }
 
-  private frameFirst(): void {
-    const mesh = JSON.stringify(this.store.state.mesh);
+  /** The camera is placed when a mesh is new, and never again. */
+  private frameOnce(): void {
+    const mesh = JSON.stringify(this.store.state.mesh.source);
     if (this.framed === mesh) return;
     const first = this.framed === "";
     this.framed = mesh;
-    const direction = this.camera.direction ?? [0.3, 0.2, 1];
-    const home = this.viewer.framing(direction, this.camera.fov_y_deg);
-    this.viewer.setPose(first && this.pose ? this.pose : home);
+    if (first && this.pose) this.viewer.setPose(this.pose);
+    else this.home();
   }
 
-  private showBadge(element: HTMLElement, badge: Badge): void {
-    element.dataset.state = badge.state;
-    element.textContent =
-      badge.state === "busy" ? `${badge.stage ?? "working"} ${Math.round(100 * (badge.fraction ?? 0))} %` : `${badge.texels}² · ${Math.round(badge.ms)} ms${badge.state === "draft" ? " · draft" : ""}`;
+  private home(direction?: [number, number, number]): void {
+    const own = JSON.stringify(this.store.state.mesh.source) === JSON.stringify(this.initial.mesh.source);
+    const from = direction ?? (own ? this.camera.direction : undefined) ?? [...HOME];
+    const pose = this.viewer.framing(from, this.camera.fov_y_deg);
+    if (pose) this.viewer.setPose(pose);
+    this.remember();
   }
 
-  private async takeMap(file: File): Promise<string | null> {
-    try {
-      const asset = await api.upload(file);
-      if (asset.kind !== "map") {
-        toast("Not an image", `${file.name} is a mesh; drop it on the picture.`);
-        return null;
+  private drawProfile(): void {
+    const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = bakedPart(toScene(this.store.state));
+    const key = JSON.stringify(matter);
+    if (key === this.profiled) return;
+    clearTimeout(this.timers.profile);
+    this.timers.profile = window.setTimeout(async () => {
+      try {
+        const found = await api.profile(bakedPart(toScene(this.store.state)));
+        this.profiled = key;
+        this.profile.set(found, this.live.showing);
+        this.layers.section.setProfile(found);
+      } catch {
+        this.layers.section.setProfile(null); // the picture's own request tells why
       }
-      const stem = file.name.replace(/\.\w+$/, "").replace(/[^\w-]+/g, "-") || "map";
-      this.store.state.maps[stem] = { source: { asset: asset.asset }, space: "linear" };
-      return stem;
+    }, 60);
+  }
+
+  private async problem(error: unknown): Promise<void> {
+    const lost = error instanceof Problem && error.errors.some((one) => one.pointer.endsWith("/asset"));
+    if (lost && (await this.files.again())) this.live.again();
+    else showProblem(error);
+  }
+
+  private announce(text: string): void {
+    if (text) document.getElementById("status")!.textContent = text;
+  }
+
+  private restoreView(view: Shared["view"]): void {
+    if (!view) return;
+    const { inside, number, compare, light } = view as { inside?: string; number?: number; compare?: never; light?: number };
+    this.activeLight = light ?? 0;
+    if (inside && inside !== "picture") this.inside.choose(inside, number ?? 1);
+    if (compare) this.compare.restore(compare);
+  }
+
+  private remember(): void {
+    clearTimeout(this.timers.remember);
+    this.timers.remember = window.setTimeout(() => void this.writeAddress(), REMEMBER_MS);
+  }
+
+  private async writeAddress(): Promise<void> {
+    if (!this.framed) return;
+    const view = { inside: this.inside.key, number: this.inside.chosenNumber, compare: this.compare.shared, light: this.activeLight };
+    const hash = await writeHash({ state: this.store.state, pose: this.viewer.orbit.pose, view });
+    history.replaceState(null, "", hash);
+  }
+
+  private async saveModel(): Promise<void> {
+    try {
+      const { camera: _camera, ...scene } = this.scene();
+      const progress = (stage: string, fraction: number) => this.status.show({ state: "busy", texels: scene.atlas.size, ms: 0, stage, fraction });
+      save("model.glb", await api.bake(scene, { progress }));
     } catch (error) {
       showProblem(error);
-      return null;
+    } finally {
+      this.status.show({ state: "final", texels: this.store.state.atlas.size, ms: 0 });
     }
   }
 
-  private remembering = 0;
-
-  private remember(): void {
-    clearTimeout(this.remembering);
-    this.remembering = window.setTimeout(async () => {
-      history.replaceState(null, "", await writeHash({ state: this.store.state, pose: this.viewer.orbit.pose }));
-    }, 300);
-  }
-
-  /** The scene as it stands, camera included. */
+  /** The scene as it stands, camera included: what the service would make a picture of. */
   scene(): Scene {
-    return { ...toScene(this.store.state), camera: { ...this.camera, ...this.viewer.orbit.pose, fit: false } };
+    const { clientWidth: width, clientHeight: height } = this.viewer.canvas;
+    const resolution: [number, number] = [width, height];
+    return { ...toScene(this.store.state), camera: { fit: false, samples: 9, ...this.viewer.orbit.pose, resolution } };
   }
-}
-
-function pickFile(accept: string): Promise<File | null> {
-  return new Promise((done) => {
-    const input = h("input", { type: "file", accept });
-    input.addEventListener("change", () => done(input.files?.[0] ?? null));
-    input.addEventListener("cancel", () => done(null));
-    input.click();
-  });
 }

@@ -56,7 +56,7 @@ export function slider(store: Store, options: SliderOptions): Control {
     step: "any",
     min: least,
     max: most,
-    "aria-label": `${options.label}${options.unit ? ` in ${options.unit}` : ""}`,
+    "aria-label": options.unit ? `${options.label} in ${options.unit}` : `${options.label}, as a number`,
     "data-pointer": options.pointer,
     onchange: () => {
       const value = number.valueAsNumber;

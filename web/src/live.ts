@@ -1,6 +1,6 @@
 // Keeps the picture up with the scene: a draft while it changes, the whole when it rests.
 
-import { api, Offline, Problem, sleep } from "./api";
+import { api, clientName, Offline, Problem, sleep } from "./api";
 import { bakedPart, toScene, type State } from "./state";
 import type { Scene, Showing } from "./types";
 import { parseGlb } from "./view/glb";
@@ -22,14 +22,14 @@ export interface Badge {
 }
 
 export interface LiveEvents {
-  badge(badge: Badge): void;
-  showing(showing: Showing): void;
-  geometry(geometry: BufferGeometry): void;
+  badge?(badge: Badge): void;
+  /** Lights and indices; `geometry` where the mesh is another. Without this event neither is asked for. */
+  ground?(showing: Showing, geometry: BufferGeometry | null): void;
   light(texture: Texture, final: HalfImage | null): void;
-  map(kind: "albedo" | "roughnessMap" | "specularMap" | "normalMap", texture: Texture | null): void;
-  settled(): void;
+  map?(kind: "albedo" | "roughnessMap" | "specularMap" | "normalMap", texture: Texture | null): void;
+  settled?(): void;
   problem(error: unknown): void;
-  offline(): void;
+  online?(yes: boolean): void;
 }
 
 type Baked = ReturnType<typeof bakedPart>;
@@ -46,6 +46,7 @@ export class Live {
   private geometryKey = "";
   private grounds = new Set<string>(); // meshes and sizes that are known to be quick
   private maps: Record<string, string> = {};
+  private readonly client = clientName();
   private bound = 0; // greatest value of the light on screen
   private wake: () => void = () => undefined;
   image = "diffused";
@@ -71,7 +72,7 @@ export class Live {
     this.wanted = baked;
     this.changedAt = performance.now();
     this.final?.abort(new DOMException("stale", "AbortError"));
-    void this.showMaps(scene);
+    if (this.events.map) void this.showMaps(scene);
     this.wake();
     if (!this.running) void this.run();
   }
@@ -115,7 +116,7 @@ export class Live {
       const scene = this.wanted;
       const key = this.key(scene);
       try {
-        await this.ground(scene);
+        if (this.events.ground) await this.ground(scene, this.events.ground);
         if (this.shown !== key && scene.atlas.size > DRAFT) {
           await this.draw(scene, true);
           this.shown = key;
@@ -130,13 +131,13 @@ export class Live {
         this.shown = this.settledOn = key;
         wait = 1;
         this.settles++;
-        this.events.settled();
+        this.events.settled?.();
       } catch (error) {
         if ((error as Error)?.name === "AbortError") continue;
         if (error instanceof Problem && error.slug === "superseded") continue;
-        this.events.badge({ state: "failed", texels: 0, ms: 0 });
+        this.events.badge?.({ state: "failed", texels: 0, ms: 0 });
         if (error instanceof Offline) {
-          this.events.offline();
+          this.events.online?.(false);
           await this.pause(1000 * wait);
           wait = Math.min(2 * wait, 4);
           continue;
@@ -156,7 +157,7 @@ export class Live {
   }
 
   /** Places and geometry, when they changed. */
-  private async ground(scene: Baked): Promise<void> {
+  private async ground(scene: Baked, heard: NonNullable<LiveEvents["ground"]>): Promise<void> {
     const place = placeOf(scene);
     if (place === this.place) return;
     const start = performance.now();
@@ -164,32 +165,27 @@ export class Live {
     const heavy = !this.grounds.has(groundOf(scene));
     const progress = heavy
       ? (stage: string, fraction: number) =>
-          this.events.badge({ state: "busy", texels: scene.atlas.size, ms: performance.now() - start, stage, fraction })
+          this.events.badge?.({ state: "busy", texels: scene.atlas.size, ms: performance.now() - start, stage, fraction })
       : undefined;
     if (heavy) {
       progress?.("surface", 0);
       const only = { mesh: scene.mesh, atlas: scene.atlas };
       const buffer = await api.geometry(only, { signal: abort.signal, progress });
-      const showing = await api.showing(scene, { signal: abort.signal });
-      if (showing.geometry !== this.geometryKey) {
-        this.geometryKey = showing.geometry;
-        this.bound = 0;
-        this.events.geometry(parseGlb(buffer));
-      }
-      this.tell(showing);
+      const showing = (this.showing = await api.showing(scene, { signal: abort.signal }));
+      const other = showing.geometry !== this.geometryKey;
+      if (other) this.bound = 0;
+      this.geometryKey = showing.geometry;
+      heard(showing, other ? parseGlb(buffer) : null);
     } else {
       // lights and indices alone: the picture need not wait for them
-      void api.showing(scene, { signal: abort.signal }).then(
-        (showing) => this.tell(showing),
-        () => undefined,
+      void api.showing(scene).then(
+        (showing) => {
+          if (this.place === place) heard((this.showing = showing), null);
+        },
+        () => undefined, // the picture's own request tells
       );
     }
     this.place = place;
-  }
-
-  private tell(showing: Showing): void {
-    this.showing = showing;
-    this.events.showing(showing);
   }
 
   private async draw(scene: Baked, draft: boolean): Promise<void> {
@@ -201,9 +197,9 @@ export class Live {
     const abort = new AbortController();
     if (!draft || !known) this.final = abort;
     const progress = (stage: string, fraction: number) =>
-      this.events.badge({ state: "busy", texels: size, ms: performance.now() - start, stage, fraction });
+      this.events.badge?.({ state: "busy", texels: size, ms: performance.now() - start, stage, fraction });
     if (!known) progress("light", 0);
-    const options = { signal: abort.signal, draft, progress: known ? undefined : progress };
+    const options = { signal: abort.signal, client: draft && known ? this.client : undefined, progress: known ? undefined : progress };
     const coded = draft && this.bound > 0 && this.image === "diffused";
     if (coded) {
       const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * HEADROOM)) / 2;
@@ -222,7 +218,8 @@ export class Live {
     this.grounds.add(ground);
     this.grounds.add(groundOf(scene));
     const ms = performance.now() - start;
-    this.events.badge({ state: draft ? "draft" : "final", texels: size, ms });
+    this.events.badge?.({ state: draft ? "draft" : "final", texels: size, ms });
+    this.events.online?.(true);
   }
 
   /** The maps that the page's own shader uses. */
@@ -240,13 +237,13 @@ export class Live {
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
       if (!spec || !name) {
-        this.events.map(kind, null);
+        this.events.map?.(kind, null);
         continue;
       }
       try {
         const blob = await api.map({ maps: { [name]: spec } }, name);
         const texture = await fromBlob(blob, { srgb: (spec.space ?? "linear") === "srgb", tile: true });
-        if (this.maps[kind] === key) this.events.map(kind, texture);
+        if (this.maps[kind] === key) this.events.map?.(kind, texture);
       } catch (error) {
         this.maps[kind] = "";
         if (!(error instanceof Offline)) this.events.problem(error);

@@ -7,6 +7,8 @@ import type { Preset, Triple } from "./types";
 export interface Recipe {
   name: string;
   what: string;
+  /** Whether it goes with the painted colours of the object; else its own colour is seen. */
+  painted?: boolean;
   layers: (presets: Map<string, Preset>) => Layer[];
 }
 
@@ -44,8 +46,8 @@ function stacked(...parts: [string, number | null][]): Recipe["layers"] {
 }
 
 export const RECIPES: Recipe[] = [
-  { name: "Skin", what: "Human skin, as measured", layers: plain("skin1") },
-  { name: "Fair skin", what: "A second sample of human skin", layers: plain("skin2") },
+  { name: "Skin", painted: true, what: "Human skin, as measured", layers: plain("skin1") },
+  { name: "Fair skin", painted: true, what: "A second sample of human skin", layers: plain("skin2") },
   { name: "Marble", what: "Hard, with light that travels far", layers: plain("marble") },
   { name: "Milk", what: "Whole milk: bright and dense", layers: plain("wholemilk") },
   { name: "Wax", what: "A colour that light crosses for millimetres", layers: coloured([0.83, 0.6, 0.32], [2.6, 1.9, 1.1], 1.44) },
@@ -53,5 +55,5 @@ export const RECIPES: Recipe[] = [
   { name: "Apple", what: "The flesh of an apple", layers: plain("apple") },
   { name: "Ketchup", what: "Nearly clear for red, dark for blue", layers: plain("ketchup") },
   { name: "Milk on ketchup", what: "A white film that lets red through: pull its thickness", layers: stacked(["wholemilk", 0.25], ["ketchup", null]) },
-  { name: "Fish", what: "Skin, blood and organs, three layers", layers: stacked(["fish-dermis", 0.4], ["fish-blood", 0.25], ["fish-organs", null]) },
+  { name: "Fish", painted: true, what: "Skin, blood and organs, three layers", layers: stacked(["fish-dermis", 0.4], ["fish-blood", 0.25], ["fish-organs", null]) },
 ];

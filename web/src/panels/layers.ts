@@ -1,6 +1,6 @@
 // The layer stack: a card per layer, from the surface inwards.
 
-import { choice, colour, type Control, slider, triple } from "../controls";
+import { check, choice, colour, type Control, slider, triple } from "../controls";
 import { h, icon, iconButton } from "../dom";
 import { meanFreePath, toColour } from "../material";
 import { RECIPES, SPOKEN } from "../recipes";
@@ -49,7 +49,12 @@ export class LayersPanel {
       dots.style.setProperty("--bottom", swatch(layers[layers.length - 1]));
       const act = () => {
         this.open = 0;
-        this.store.edit((state) => void (state.layers = recipe.layers(this.presets)));
+        this.store.edit((state) => {
+          state.layers = recipe.layers(this.presets);
+          const painted = this.initial.surface.albedo;
+          if (!recipe.painted) delete state.surface.albedo;
+          else if (painted && state.maps[painted]) state.surface.albedo = painted;
+        });
         this.host.announce(`${recipe.name}: ${recipe.what}`);
       };
       return h("button", { type: "button", class: "chip", title: recipe.what, onclick: act }, dots, recipe.name);
@@ -205,9 +210,8 @@ export class LayersPanel {
     }
     const buttons = h("div", { class: "buttons" });
     if (last) {
-      const endless = layer.thickness_mm === null;
-      const set = () => this.store.edit((state) => void (at(state).thickness_mm = endless ? 1 : null));
-      buttons.append(h("button", { type: "button", "aria-pressed": String(endless), onclick: set }, "Goes on without end"));
+      const set = (state: State, endless: boolean) => void (at(state).thickness_mm = endless ? null : 1);
+      box.append(keep(check(this.store, { label: "Goes on without end", hint: "As deep as the object; else light leaves at the bottom", get: (state) => at(state).thickness_mm === null, set })));
     }
     const pick = async () => {
       const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");

@@ -8,6 +8,7 @@ import type { Profile } from "../types";
 const WIDTH = 312;
 const HEIGHT = 132;
 const SURFACE = 20;
+const LEAST_SHARE = 0.3; // of the height, for the layers that end
 const HAIR = 3; // thinner layers than this many pixels are drawn so
 
 /** The layer's colour as a swatch shows it. */
@@ -38,7 +39,8 @@ export class CrossSection {
     const reach = Math.max(...(this.profile?.radius_mm["0.9"] ?? [0]), 0.05);
     // what is shown [mm]: all finite layers, and below them a depth that light reaches
     const endless = heard.length > 0 && this.endless(heard.length, heard[heard.length - 1].layer, heard.length - 1);
-    const depth = endless ? Math.max(finite * 1.6, finite + 0.35 * reach, 0.2) : Math.max(finite, 1e-3);
+    const wide = finite > 0 ? Math.min(1.05 * reach, finite / LEAST_SHARE) : 1.05 * reach;
+    const depth = endless ? Math.max(wide, 1.25 * finite) : Math.max(finite, 1e-3);
     const scale = (HEIGHT - SURFACE) / depth; // pixels per mm
     const svg = s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
     const defs = s("defs");
@@ -64,9 +66,8 @@ export class CrossSection {
     this.reach(svg, defs, scale);
     this.ruler(svg, scale);
     svg.setAttribute("aria-label", `Cut through the surface: ${words.length} layers, ${words.join(", ")}`);
-    this.caption.textContent = this.profile
-      ? `Light that enters at one point comes out within ${this.profile.radius_mm["0.9"].map(plain).join(" / ")} mm (red / green / blue, 90 %).`
-      : "";
+    const reaches = (this.profile?.radius_mm["0.9"] ?? []).map((mm, k) => h("b", { class: ["red", "green", "blue"][k] }, `${plain(Number(mm.toPrecision(2)))} mm `));
+    this.caption.replaceChildren(...(reaches.length ? ["Light that enters here comes out within ", ...reaches, "of red, green and blue."] : [""]));
     this.element.replaceChildren(svg, this.caption);
   }
 
@@ -76,16 +77,18 @@ export class CrossSection {
 
   private reach(svg: SVGElement, defs: SVGElement, scale: number): void {
     const x = WIDTH * 0.36;
+    const spot = s("radialGradient", { id: "glow" }, s("stop", { offset: 0, class: "glow-in" }), s("stop", { offset: 1, class: "glow-out" }));
+    defs.append(spot);
     const clip = s("clipPath", { id: "below" }, s("rect", { x: 0, y: SURFACE, width: WIDTH, height: HEIGHT - SURFACE }));
     defs.append(clip);
     const group = s("g", { "clip-path": "url(#below)", class: "reach" });
+    const most = Math.max(...(this.profile?.radius_mm["0.9"] ?? [0])) * scale;
+    group.append(s("circle", { cx: x, cy: SURFACE, r: Math.min(Math.max(most, 1), 2000), fill: "url(#glow)" }));
     const radii = this.profile?.radius_mm["0.9"] ?? [];
     const names = ["red", "green", "blue"];
     radii.forEach((radius, k) => {
-      const id = `reach-${names[k]}`;
-      const stops = [0, 0.5, 1].map((at) => s("stop", { offset: at, class: `stop-${names[k]} s${at * 2}` }));
-      defs.append(s("radialGradient", { id }, ...stops));
-      group.append(s("circle", { cx: x, cy: SURFACE, r: Math.min(radius * scale, 2000), fill: `url(#${id})` }));
+      const place = { cx: x, cy: SURFACE, r: Math.min(radius * scale, 2000) };
+      group.append(s("circle", { ...place, class: "under" }), s("circle", { ...place, class: names[k] }));
     });
     svg.append(group);
     svg.append(s("path", { d: `M${x} 1v${SURFACE - 3}m-4-5 4 5 4-5`, class: "beam" }));

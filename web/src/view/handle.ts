@@ -54,7 +54,7 @@ export class LightHandle {
   }
 
   place(): void {
-    const shown = this.direction !== null && this.viewer.uniforms.unfold.value === 0;
+    const shown = this.direction !== null && this.viewer.unfolded === 0;
     this.button.hidden = !shown;
     this.svg.toggleAttribute("hidden", !shown);
     if (!this.direction || !shown) return;

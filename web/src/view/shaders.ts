@@ -84,9 +84,7 @@ in vec2 vAtlas, vSource;
 out vec4 colour;
 uniform int show;
 uniform sampler2D lightA, lightB, albedo, roughnessMap, specularMap, normalMap, march;
-uniform bool hasAlbedo, hasRoughness, hasSpecular, hasNormal, albedoRoot, gloss, difference;
-uniform float split;      // [pixels]; what is left of it is A
-uniform bool comparing;
+uniform bool hasAlbedo, hasRoughness, hasSpecular, hasNormal, albedoRoot, difference;
 uniform float scaleA, scaleB; // of the images, which may hold fractions
 uniform float marched, unfold, normalY;
 uniform float eta, transmittance, roughness, specular, secondLobe;
@@ -163,9 +161,7 @@ void main() {
   float c = dot(n, v);
   if (c < 0.02) n = 0.02 * v + 0.9998 * normalize(n - c * v);
   c = max(c, 0.02);
-  bool left = comparing && gl_FragCoord.x < split;
-  vec3 a = texture(lightA, vAtlas).rgb * scaleA, b = texture(lightB, vAtlas).rgb * scaleB;
-  vec3 m = left ? a : b;
+  vec3 m = texture(lightB, vAtlas).rgb * scaleB;
   if (show == ${SHOWS.data}) {
     float t = clamp((m.g - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
     colour = vec4(clamp(viridis(t), 0.0, 1.0) * (0.82 + 0.18 * c), 1.0);
@@ -181,7 +177,7 @@ void main() {
     if (albedoRoot) tint = sqrt(tint);
   }
   if (difference) {
-    vec3 d = abs(b - a) * tint / PI;
+    vec3 d = abs(m - texture(lightA, vAtlas).rgb * scaleA) * tint / PI;
     float t = clamp(max(d.r, max(d.g, d.b)) / max(range.y, 1e-12), 0.0, 1.0);
     colour = vec4(clamp(viridis(t), 0.0, 1.0), 1.0);
     return;
@@ -191,12 +187,10 @@ void main() {
     return;
   }
   vec3 light = m * tint * (1.0 - fresnel(c, eta)) / (PI * transmittance);
-  if (gloss) {
-    float rough = hasRoughness ? texture(roughnessMap, vSource).g : roughness;
-    float strength = hasSpecular ? texture(specularMap, vSource).g : specular;
-    light += strength * highlights(n, v, rough) * (1.0 - unfold);
-  }
-  if (marched > 0.0 && !left) light = mix(light, texture(march, vec2(gl_FragCoord.x, viewport.y - gl_FragCoord.y) / viewport).rgb, marched);
+  float rough = hasRoughness ? texture(roughnessMap, vSource).g : roughness;
+  float strength = hasSpecular ? texture(specularMap, vSource).g : specular;
+  if (unfold < 0.5) light += strength * highlights(n, v, rough);
+  if (marched > 0.0) light = mix(light, texture(march, vec2(gl_FragCoord.x, viewport.y - gl_FragCoord.y) / viewport).rgb, marched);
   colour = vec4(dithered(display(light)), 1.0);
 }`,
 };

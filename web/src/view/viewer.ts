@@ -1,11 +1,11 @@
 // The object on screen: one draw, redrawn when something changed; no server in the loop.
 
 import {
-  type BufferGeometry,
+  BufferAttribute,
+  BufferGeometry,
   DoubleSide,
   GLSL3,
   LineSegments,
-  Matrix3,
   Mesh,
   PerspectiveCamera,
   PlaneGeometry,
@@ -13,121 +13,72 @@ import {
   Scene,
   ShaderMaterial,
   type Texture,
-  Vector2,
   Vector3,
-  Vector4,
   WebGLRenderer,
-  BufferGeometry as Geometry,
-  BufferAttribute,
 } from "three";
-import type { Light, Showing, Tonemap, Triple } from "../types";
+import type { Showing, Tonemap, Triple } from "../types";
+import { framing } from "./framing";
 import { seams } from "./glb";
+import { applyLook, type Look, type MapName, newLook, sheetUniforms, surfaceUniforms, toneUniforms } from "./look";
 import { Orbit, type OrbitEvents, type Pose } from "./orbit";
-import { BACKDROP, LIGHTS, LINES, MATRICES, SHOWS, SURFACE, TONEMAPS } from "./shaders";
+import { BACKDROP, LINES, SHOWS, SURFACE, TONEMAPS } from "./shaders";
 import { blank } from "./textures";
 
 export type Show = keyof typeof SHOWS;
-type MapName = "albedo" | "roughnessMap" | "specularMap" | "normalMap";
 
 export interface ViewerEvents extends OrbitEvents {
-  drawn(ms: number): void;
   lost(): void;
   restored(): void;
 }
 
-const MM2_PER_M2 = 1e6;
-const uniform = <T>(value: T) => ({ value });
+const MOST_PIXELS_PER_PIXEL = 2;
+const SLOW_MS = 40;
+const REST_MS = 160;
+const COARSEST = 0.35;
+
+/** Whether there is no graphics card: then drawing every sample of an edge costs too much. */
+function software(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
 
 export class Viewer {
   readonly renderer: WebGLRenderer;
   readonly camera = new PerspectiveCamera(20, 1, 1, 1000);
   readonly orbit: Orbit;
+  /** What is compared: A on the left, B on the right and alone. */
+  readonly looks: Record<"A" | "B", Look> = { A: newLook(), B: newLook() };
   private readonly scene = new Scene();
-  private readonly tone = {
-    exposure: uniform(1),
-    tonemap: uniform(0),
-    agxIn: uniform(rows(MATRICES.agx)),
-    agxOut: uniform(rows(MATRICES.agx).invert()),
-    acesIn: uniform(rows(MATRICES.acesIn)),
-    acesOut: uniform(rows(MATRICES.acesOut)),
-  };
-  private readonly sheet = {
-    unfold: uniform(0),
-    sheetCentre: uniform(new Vector3()),
-    sheetRight: uniform(new Vector3(1, 0, 0)),
-    sheetUp: uniform(new Vector3(0, 1, 0)),
-  };
-  readonly uniforms = {
-    ...this.tone,
-    ...this.sheet,
-    show: uniform<number>(SHOWS.picture),
-    lightA: uniform<Texture>(blank),
-    lightB: uniform<Texture>(blank),
-    albedo: uniform<Texture>(blank),
-    roughnessMap: uniform<Texture>(blank),
-    specularMap: uniform<Texture>(blank),
-    normalMap: uniform<Texture>(blank),
-    march: uniform<Texture>(blank),
-    hasAlbedo: uniform(false),
-    hasRoughness: uniform(false),
-    hasSpecular: uniform(false),
-    hasNormal: uniform(false),
-    albedoRoot: uniform(false),
-    gloss: uniform(true),
-    difference: uniform(false),
-    comparing: uniform(false),
-    split: uniform(0),
-    scaleA: uniform(1),
-    scaleB: uniform(1),
-    viewport: uniform(new Vector2(1, 1)),
-    marched: uniform(0),
-    normalY: uniform(1),
-    eta: uniform(1.3),
-    transmittance: uniform(1),
-    roughness: uniform(0.4),
-    specular: uniform(1),
-    secondLobe: uniform(0),
-    range: uniform(new Vector2(0, 1)),
-    lightCount: uniform(0),
-    lightPlace: uniform(Array.from({ length: LIGHTS }, () => new Vector4())),
-    lightPower: uniform(Array.from({ length: LIGHTS }, () => new Vector3())),
-    lightCone: uniform(Array.from({ length: LIGHTS }, () => new Vector4(0, 0, 1, -2))),
-    ambient: uniform(new Vector3()),
-  };
-  private readonly backdrop = { ...this.tone, top: uniform(new Vector3()), bottom: uniform(new Vector3()) };
+  private readonly tone = toneUniforms();
+  private readonly sheet = sheetUniforms();
+  readonly uniforms = surfaceUniforms();
+  private readonly backdrop = { ...this.tone, top: { value: new Vector3() }, bottom: { value: new Vector3() } };
   private readonly surface: Mesh;
   private readonly lines: LineSegments;
   private geometry: BufferGeometry | null = null;
+  private seamsOf: BufferGeometry | null = null;
   private dirty = true;
-  private lines_of: BufferGeometry | null = null;
-  radius = 1;
+  private splitAt: number | null = null;
+  private sharpness = 1;
+  /** Frames drawn so far. */
+  frames = 0;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
     private readonly frame: HTMLElement,
     private readonly events: ViewerEvents,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    const material = new ShaderMaterial({
-      glslVersion: GLSL3,
-      side: DoubleSide,
-      uniforms: this.uniforms,
-      vertexShader: SURFACE.vertex,
-      fragmentShader: SURFACE.fragment,
-    });
-    this.surface = new Mesh(new Geometry(), material);
-    this.surface.frustumCulled = false;
-    this.surface.visible = false;
-    const lines = new ShaderMaterial({
-      glslVersion: GLSL3,
-      uniforms: this.sheet,
-      vertexShader: LINES.vertex,
-      fragmentShader: LINES.fragment,
-    });
-    this.lines = new LineSegments(new Geometry(), lines);
-    this.lines.frustumCulled = false;
-    this.lines.visible = false;
+    this.renderer = new WebGLRenderer({ canvas, antialias: !software(), powerPreference: "high-performance" });
+    this.sharpen(1);
+    const uniforms = { ...this.uniforms, ...this.tone, ...this.sheet };
+    const material = { glslVersion: GLSL3, side: DoubleSide, uniforms };
+    const shaders = { vertexShader: SURFACE.vertex, fragmentShader: SURFACE.fragment };
+    this.surface = new Mesh(new BufferGeometry(), new ShaderMaterial({ ...material, ...shaders }));
+    const cuts = { glslVersion: GLSL3, uniforms: this.sheet, vertexShader: LINES.vertex, fragmentShader: LINES.fragment };
+    this.lines = new LineSegments(new BufferGeometry(), new ShaderMaterial(cuts));
     const back = new RawShaderMaterial({
       glslVersion: GLSL3,
       depthTest: false,
@@ -137,25 +88,52 @@ export class Viewer {
       fragmentShader: `precision highp float;\nprecision highp int;\n${BACKDROP.fragment}`,
     });
     const behind = new Mesh(new PlaneGeometry(2, 2), back);
-    behind.frustumCulled = false;
     behind.renderOrder = -1;
+    for (const one of [behind, this.surface, this.lines]) one.frustumCulled = false;
+    this.surface.visible = this.lines.visible = false;
     this.scene.add(behind, this.surface, this.lines);
     this.orbit = new Orbit(this.camera, frame, {
       ...events,
-      moved: () => (this.redraw(), events.moved()),
-      rested: () => events.rested(),
-      light: (yaw, pitch) => events.light(yaw, pitch),
-      lightDone: () => events.lightDone(),
+      moved: () => {
+        this.redraw();
+        events.moved();
+      },
     });
     new ResizeObserver(() => this.resize()).observe(frame);
     this.resize();
-    canvas.addEventListener("webglcontextlost", (event) => (event.preventDefault(), events.lost()));
-    canvas.addEventListener("webglcontextrestored", () => (this.redraw(), events.restored()));
-    const loop = () => {
-      if (this.dirty) this.draw();
+    canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // else it would not come back
+      events.lost();
+    });
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.redraw();
+      events.restored();
+    });
+    let before = 0;
+    let moved = 0;
+    const loop = (now: number) => {
+      if (this.dirty) {
+        // frames one after the other that take too long are drawn coarser until things rest
+        if (before && now - before > SLOW_MS && this.sharpness > COARSEST) this.sharpen(Math.max(0.7 * this.sharpness, COARSEST));
+        before = moved = now;
+        this.draw();
+      } else {
+        before = 0;
+        if (this.sharpness < 1 && now - moved > REST_MS) {
+          this.sharpen(1);
+          this.draw();
+        }
+      }
       requestAnimationFrame(loop);
     };
     requestAnimationFrame(loop);
+  }
+
+  /** Pixels drawn per pixel of the screen, along an edge, as a share of all. */
+  private sharpen(share: number): void {
+    this.sharpness = share;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXELS_PER_PIXEL) * share);
+    this.renderer.getDrawingBufferSize(this.uniforms.viewport.value);
   }
 
   /** Asks for a new frame. */
@@ -165,9 +143,30 @@ export class Viewer {
 
   draw(): void {
     this.dirty = false;
-    const start = performance.now();
-    this.renderer.render(this.scene, this.camera);
-    this.events.drawn(performance.now() - start);
+    this.frames++;
+    const { renderer } = this;
+    const side = (look: Look) => {
+      applyLook(look, this.uniforms);
+      renderer.render(this.scene, this.camera);
+    };
+    if (this.splitAt === null || this.uniforms.difference.value) {
+      this.uniforms.lightA.value = this.looks.A.light;
+      this.uniforms.scaleA.value = this.looks.A.scale;
+      side(this.looks.B);
+      return;
+    }
+    const { clientWidth: width, clientHeight: height } = this.frame;
+    const left = Math.round(width * this.splitAt);
+    const { marched } = this.uniforms;
+    const blend = marched.value;
+    renderer.setScissorTest(true);
+    renderer.setScissor(0, 0, left, height);
+    marched.value = 0;
+    side(this.looks.A);
+    renderer.setScissor(left, 0, width - left, height);
+    marched.value = blend;
+    side(this.looks.B);
+    renderer.setScissorTest(false);
   }
 
   private resize(): void {
@@ -184,7 +183,6 @@ export class Viewer {
   setGeometry(geometry: BufferGeometry): void {
     this.geometry?.dispose();
     this.geometry = this.surface.geometry = geometry;
-    this.radius = geometry.boundingSphere!.radius;
     this.surface.visible = true;
     this.showSeams(this.lines.visible);
     this.redraw();
@@ -194,58 +192,37 @@ export class Viewer {
     return this.geometry?.boundingSphere?.center ?? new Vector3();
   }
 
+  get radius(): number {
+    return this.geometry?.boundingSphere?.radius ?? 1;
+  }
+
   setPose(pose: Pose): void {
     this.orbit.set(pose, this.radius);
   }
 
   /** The camera from `direction` that sees the whole object in this window. */
-  framing(direction: Triple, fov_y_deg: number): Pose {
-    const aim = new Vector3(...direction).normalize();
-    const probe = new PerspectiveCamera(fov_y_deg, this.camera.aspect);
-    probe.position.copy(aim);
-    probe.lookAt(0, 0, 0);
-    probe.updateMatrixWorld();
-    const half = Math.tan((fov_y_deg * Math.PI) / 360) * 0.88;
-    const position = this.geometry!.getAttribute("position");
-    const local = new Vector3();
-    // a vertex is in view when ±(across - middle) ≤ tangent (ahead + back)
-    const axes = [new Vector3(), new Vector3(), new Vector3()];
-    probe.matrixWorld.extractBasis(axes[0], axes[1], axes[2]);
-    const tangents = [half * this.camera.aspect, half];
-    const high = [-Infinity, -Infinity];
-    const low = [-Infinity, -Infinity];
-    for (let i = 0; i < position.count; i++) {
-      local.fromBufferAttribute(position as BufferAttribute, i).sub(this.centre);
-      const ahead = -local.dot(axes[2]);
-      for (let k = 0; k < 2; k++) {
-        const across = local.dot(axes[k]);
-        high[k] = Math.max(high[k], across - tangents[k] * ahead);
-        low[k] = Math.max(low[k], -across - tangents[k] * ahead);
-      }
-    }
-    const middle = [0, 1].map((k) => (high[k] - low[k]) / 2);
-    const back = Math.max(...[0, 1].map((k) => (high[k] + low[k]) / 2 / tangents[k]));
-    const target = this.centre.clone().addScaledVector(axes[0], middle[0]).addScaledVector(axes[1], middle[1]);
-    const eye = target.clone().addScaledVector(axes[2], back);
-    return { position_mm: eye.toArray(), target_mm: target.toArray(), fov_y_deg };
+  framing(direction: Triple, fov_y_deg: number): Pose | null {
+    return this.geometry && framing(this.geometry, direction, fov_y_deg, this.camera.aspect);
   }
 
   /** The baked light [W/m²] on one side of the comparison. */
   setLight(side: "A" | "B", texture: Texture): void {
-    const slot = side === "A" ? this.uniforms.lightA : this.uniforms.lightB;
-    if (slot.value !== texture && slot.value !== blank) slot.value.dispose();
-    slot.value = texture;
-    (side === "A" ? this.uniforms.scaleA : this.uniforms.scaleB).value = texture.userData.scale ?? 1;
+    const look = this.looks[side];
+    this.discard(look.light, texture);
+    look.light = texture;
+    look.scale = texture.userData.scale ?? 1;
     this.redraw();
   }
 
   setMap(name: MapName, texture: Texture | null): void {
-    const slot = this.uniforms[name];
-    if (slot.value !== blank) slot.value.dispose();
-    slot.value = texture ?? blank;
-    const has = { albedo: "hasAlbedo", roughnessMap: "hasRoughness", specularMap: "hasSpecular", normalMap: "hasNormal" };
-    this.uniforms[has[name] as "hasAlbedo"].value = texture !== null;
+    const { A, B } = this.looks;
+    if (B.maps[name] && A.maps[name] !== B.maps[name]) B.maps[name].dispose();
+    B.maps[name] = texture;
     this.redraw();
+  }
+
+  private discard(old: Texture, texture: Texture): void {
+    if (old !== texture && old !== blank) old.dispose();
   }
 
   setOutput(exposure_ev: number, tonemap: Tonemap): void {
@@ -261,37 +238,39 @@ export class Viewer {
     this.redraw();
   }
 
-  /** The lights that make highlights; those with a size count as points, surroundings as even. */
-  setLights(lights: Light[]): void {
-    const { lightPlace, lightPower, lightCone, ambient, lightCount } = this.uniforms;
-    ambient.value.set(0, 0, 0);
-    let count = 0;
-    const add = (place: Triple, w: number, power: Triple, factor: number, axis?: Triple, outer_deg = 0) => {
-      if (count >= LIGHTS) return;
-      lightPlace.value[count].set(...place, w);
-      lightPower.value[count].fromArray(power).multiplyScalar(factor);
-      const direction = new Vector3(...(axis ?? [0, 0, 1])).normalize();
-      const cosine = axis ? Math.cos((outer_deg * Math.PI) / 180) : -2;
-      lightCone.value[count].set(direction.x, direction.y, direction.z, cosine);
-      count++;
-    };
-    for (const light of lights) {
-      if (light.type === "point") add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2);
-      else if (light.type === "spot")
-        add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2, light.direction, light.outer_deg);
-      else if (light.type === "directional") {
-        const towards = new Vector3(...light.direction).normalize().toArray();
-        add(towards, 0, light.irradiance_w_per_m2, 1);
-      } else if (light.type === "sphere") add(light.position_mm, 1, light.radiance, Math.PI * light.radius_mm ** 2);
-      else if (light.type === "rectangle") {
-        const across = new Vector3(...light.width_mm).cross(new Vector3(...light.height_mm));
-        add(light.position_mm, 1, light.radiance, across.length(), across.normalize().toArray(), 89);
-      } else if (light.type === "environment" && !light.map) {
-        ambient.value.add(new Vector3(...light.radiance));
-      }
-    }
-    lightCount.value = count;
+  /** What the surface shows; `range`: the ends of the colours of data. */
+  setShow(show: Show, range: [number, number] = [0, 1]): void {
+    this.uniforms.show.value = SHOWS[show];
+    this.uniforms.range.value.fromArray(range);
     this.redraw();
+  }
+
+  /** Where A ends and B begins, 0..1 of the width; null: B alone. */
+  setSplit(at: number | null): void {
+    this.splitAt = at;
+    this.redraw();
+  }
+
+  /** |B - A| in place of both; `most`: radiance of the brightest colour. */
+  setDifference(on: boolean, most = 1): void {
+    this.uniforms.difference.value = on;
+    if (on) this.uniforms.range.value.set(0, most);
+    this.redraw();
+  }
+
+  /** The service's picture of this view, and how much of it is shown. */
+  setMarch(texture: Texture): void {
+    this.discard(this.uniforms.march.value, texture);
+    this.uniforms.march.value = texture;
+  }
+
+  setMarched(share: number): void {
+    this.uniforms.marched.value = share;
+    this.redraw();
+  }
+
+  get unfolded(): number {
+    return this.sheet.unfold.value;
   }
 
   /** 0: the object, 1: its surface laid out flat, facing the camera as it stands now. */
@@ -313,14 +292,14 @@ export class Viewer {
 
   showSeams(on: boolean): void {
     this.lines.visible = on;
-    if (on && this.geometry && this.lines_of !== this.geometry) {
+    if (on && this.geometry && this.seamsOf !== this.geometry) {
       const found = seams(this.geometry);
-      this.lines.geometry.dispose();
-      const geometry = new Geometry();
+      const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(found.positions, 3));
       geometry.setAttribute("atlas", new BufferAttribute(found.uv, 2));
+      this.lines.geometry.dispose();
       this.lines.geometry = geometry;
-      this.lines_of = this.geometry;
+      this.seamsOf = this.geometry;
     }
     this.redraw();
   }
@@ -336,6 +315,7 @@ export class Viewer {
 
   /** The frame on screen as a PNG. */
   async screenshot(): Promise<Blob> {
+    this.sharpen(1);
     this.draw(); // the buffer is only sure to hold the frame in the task that drew it
     return new Promise((done, fail) =>
       this.canvas.toBlob((blob) => (blob ? done(blob) : fail(new Error("no picture"))), "image/png"),
@@ -344,6 +324,7 @@ export class Viewer {
 
   /** Pixels of the frame as drawn now, RGBA from the bottom up. */
   pixels(): { width: number; height: number; data: Uint8Array } {
+    this.sharpen(1);
     this.draw();
     const gl = this.renderer.getContext();
     const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
@@ -351,8 +332,4 @@ export class Viewer {
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, data);
     return { width, height, data };
   }
-}
-
-function rows(values: number[]): Matrix3 {
-  return new Matrix3().set(...(values as [number, number, number, number, number, number, number, number, number]));
 }

@@ -1,0 +1,187 @@
+"""What people do: sliders, undo, links, comparisons, files; and that the camera stays meanwhile."""
+
+import base64
+
+import numpy as np
+from paging import METHODS, pixels, pose, settle, state
+from serving import torus_obj
+
+SLIDER = "#panel-material .card-body input[type=range]"
+
+
+def two_layers(page):
+    settle(page, lambda: page.get_by_role("button", name="Milk on ketchup").click())
+
+
+def shown(page) -> np.ndarray:
+    """What is on the object, at rest."""
+    page.mouse.move(5, 5)
+    return pixels(page)
+
+
+def test_slider_gives_new_pixels_and_the_camera_stays(visit):
+    page = visit()
+    two_layers(page)
+    before, stood, drafts = shown(page), pose(page), []
+    page.on("request", lambda request: drafts.append(request.url) if "quality=draft" in request.url else None)
+    slider = page.locator(SLIDER).first
+    settle(page, lambda: slider.fill("900"))
+    assert state(page)["layers"][0]["thickness_mm"] > 5
+    assert pose(page) == stood
+    assert np.abs(shown(page) - before).mean() > 0.5
+
+
+def test_gloss_and_exposure_ask_the_service_for_nothing(visit):
+    page = visit()
+    asked = []
+    page.on("request", lambda request: asked.append(request.url) if "/v1/render" in request.url else None)
+    before = shown(page)
+    page.get_by_label("Roughness", exact=True).fill("100")
+    page.get_by_role("tab", name="Light").click()
+    page.get_by_label("Exposure", exact=True).fill("700")
+    page.wait_for_timeout(600)
+    assert asked == []
+    assert np.abs(shown(page) - before).mean() > 3
+
+
+def test_undo_is_one_step_per_drag(visit):
+    page = visit()
+    two_layers(page)
+    before, first = state(page), shown(page)
+    page.locator(SLIDER).first.scroll_into_view_if_needed()
+    box = page.locator(SLIDER).first.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.4 * box["width"], y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.9 * box["width"], y, steps=12)
+    settle(page, page.mouse.up)
+    changed = state(page)
+    assert changed["layers"][0]["thickness_mm"] != before["layers"][0]["thickness_mm"]
+    settle(page, lambda: page.get_by_role("button", name="Undo").click())
+    assert state(page) == before
+    assert np.abs(shown(page) - first).max() <= 2
+    settle(page, lambda: page.keyboard.press("Control+Shift+Z"))
+    assert state(page) == changed
+
+
+def test_the_address_holds_everything(visit):
+    page = visit()
+    two_layers(page)
+    page.get_by_role("tab", name="Light").click()
+    settle(page, lambda: page.get_by_role("button", name="From the side").click())
+    page.locator("#view").press("ArrowLeft")
+    page.wait_for_timeout(600)
+    link, was, stood, picture = page.url, state(page), pose(page), shown(page)
+    other = visit(path=link[link.index("/#") :])
+    other.wait_for_timeout(300)
+    assert state(other) == was
+    np.testing.assert_allclose(pose(other)["position_mm"], stood["position_mm"], rtol=1e-6)
+    assert np.abs(shown(other) - picture).max() <= 2
+
+
+def test_compare_by_keyboard(visit):
+    page = visit()
+    whole = shown(page)
+    page.locator("#view").press("c")
+    page.wait_for_selector(".rmse:not(:empty)")
+    divider = page.get_by_label("Where A ends and B begins")
+    divider.focus()
+    page.keyboard.press("End")
+    assert divider.input_value() == "100"
+    plain = shown(page)
+    assert np.abs(plain - whole).max() > 12, "A does not spread light"
+    page.keyboard.press("Home")
+    assert np.abs(shown(page) - whole).max() <= 2, "B alone is the picture"
+    percent = float(page.locator(".rmse").inner_text().split()[1])
+    assert 2 < percent < 200
+    page.get_by_role("button", name="Difference").click()
+    assert np.abs(shown(page) - whole).mean() > 3
+
+
+def test_a_pinned_setting_stays_while_the_rest_changes(visit):
+    page = visit()
+    page.locator("#view").press("c")
+    page.get_by_label("A is").select_option("pinned")
+    page.get_by_label("Where A ends and B begins").fill("100")
+    page.wait_for_selector(".rmse:not(:empty)")
+    pinned = shown(page)
+    settle(page, lambda: page.get_by_role("button", name="Jade").click())
+    page.wait_for_timeout(300)
+    assert np.abs(shown(page) - pinned).mean() < 0.5
+
+
+def test_a_mesh_of_ones_own(visit, tmp_path):
+    page = visit()
+    mesh = tmp_path / "other.obj"
+    mesh.write_bytes(torus_obj(tube=30))
+    drop(page, mesh)
+    page.get_by_role("tab", name="Object").click()
+    page.get_by_text("other", exact=True).wait_for()
+    page.wait_for_selector("#badge[data-state=final]")
+    assert "asset" in state(page)["mesh"]["source"]
+    assert shown(page).std() > 10
+
+
+def test_a_shared_mesh_with_its_colours(visit, shared_data):
+    page = visit({"methods": METHODS})
+    settle(page, lambda: drop(page, shared_data / "meshes" / "spot_uv.obj"))
+    first = shown(page)
+    settle(page, lambda: drop(page, shared_data / "meshes" / "spot_texture.png"))
+    page.wait_for_timeout(300)
+    assert state(page)["surface"]["albedo"] == "spot_texture"
+    assert np.abs(shown(page) - first).mean() > 1
+
+
+def test_a_bad_file_is_told(visit, tmp_path):
+    page = visit()
+    before = state(page)
+    bad = tmp_path / "empty.obj"
+    bad.write_text("# nothing\n")
+    drop(page, bad)
+    alert = page.get_by_role("alert").filter(has_text="mesh")
+    alert.wait_for()
+    assert "empty.obj: expected OBJ, PLY, STL" in alert.inner_text()
+    assert state(page) == before
+    page.said.clear()  # the browser logs every 4xx as an error
+
+
+def test_problems_stand_at_their_fields(visit):
+    page = visit()
+    two_layers(page)
+    page.route("**/v1/render*", lambda route: route.fulfill(status=422, json=PROBLEM, headers=TYPE))
+    page.get_by_label("Thickness in mm").fill("3")
+    page.get_by_label("Thickness in mm").press("Enter")
+    page.get_by_role("alert").wait_for()
+    field = page.get_by_label("Thickness in mm")
+    assert field.get_attribute("aria-invalid") == "true"
+    assert page.locator(".field-problem").inner_text() == "Expected less."
+    page.unroute("**/v1/render*")
+    settle(page, lambda: (field.fill("2"), field.press("Enter")))
+    assert field.get_attribute("aria-invalid") is None
+    page.said.clear()
+
+
+PROBLEM = {
+    "type": "/problems/invalid-parameters",
+    "title": "Something in the request is out of range",
+    "status": 422,
+    "detail": "Expected less.",
+    "errors": [{"pointer": "/material/layers/0/thickness_mm", "in": "body", "detail": "Expected less."}],
+}
+TYPE = {"content-type": "application/problem+json"}
+
+
+def drop(page, path) -> None:
+    """Drops a file on the picture, as a file manager would."""
+    data = base64.b64encode(path.read_bytes()).decode()
+    page.evaluate(
+        """([name, data]) => {
+          const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+          const transfer = new DataTransfer();
+          transfer.items.add(new File([bytes], name));
+          const view = document.querySelector('#view');
+          const options = { dataTransfer: transfer, bubbles: true, cancelable: true };
+          view.dispatchEvent(new DragEvent('drop', options));
+        }""",
+        [path.name, data],
+    )

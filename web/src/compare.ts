@@ -1,0 +1,197 @@
+// A | B: the scene beside another setting or method, by a divider that mouse and keys move; their difference.
+
+import { api } from "./api";
+import { h, iconButton, plain } from "./dom";
+import { Live } from "./live";
+import { bakedPart, type State, toScene } from "./state";
+import { showProblem } from "./toast";
+import type { Light, Showing } from "./types";
+import { dressLook } from "./view/look";
+import { half, type HalfImage, parseNpy } from "./view/npy";
+import type { Viewer } from "./view/viewer";
+
+interface Other {
+  key: string;
+  name: string;
+  short: string;
+  make(state: State, pinned: State | null): State;
+}
+
+const method = (change: Partial<State["methods"]>) => (state: State): State => ({ ...state, methods: { ...state.methods, ...change } });
+
+const OTHERS: Other[] = [
+  { key: "none", name: "Light that does not spread", short: "No scattering", make: method({ diffusion: "none" }) },
+  { key: "pinned", name: "The setting as it is now (pin)", short: "Pinned", make: (state, pinned) => pinned ?? state },
+  { key: "uv", name: "Spread in the texture (seams show)", short: "In the texture", make: method({ diffusion: "uv" }) },
+  { key: "dipole", name: "The dipole of 2001", short: "Dipole", make: method({ profile: "dipole" }) },
+  { key: "multipole", name: "Multipole", short: "Multipole", make: method({ profile: "multipole" }) },
+  { key: "layered-diffusion", name: "Layered diffusion", short: "Layered diffusion", make: method({ profile: "layered-diffusion" }) },
+];
+
+export interface CompareHost {
+  viewer: Viewer;
+  state(): State;
+  live: Live;
+  showing(): Showing | null;
+  lights(state: State): Light[];
+  announce(text: string): void;
+  changed(): void;
+}
+
+export class Compare {
+  readonly button: HTMLButtonElement;
+  readonly overlay: HTMLElement;
+  private readonly line = h("div", { class: "divider", "aria-hidden": "true" });
+  private readonly range = h("input", { type: "range", min: 0, max: 100, step: 1, value: 50, "aria-label": "Where A ends and B begins, in percent of the picture" });
+  private readonly select: HTMLSelectElement;
+  private readonly labels = { A: h("span", { class: "side a" }), B: h("span", { class: "side b" }, "B · Now") };
+  private readonly modeButton: HTMLButtonElement;
+  private readonly rmse = h("output", { class: "rmse" });
+  private readonly liveA: Live;
+  private pinned: State | null = null;
+  private coverage: { key: string; image: HalfImage } | null = null;
+  private difference = false;
+  on = false;
+
+  constructor(private readonly host: CompareHost) {
+    this.liveA = new Live({
+      light: (texture) => host.viewer.setLight("A", texture),
+      settled: () => void this.measure(),
+      problem: showProblem,
+    });
+    this.button = iconButton("compare", "Compare A | B", () => this.toggle(), "C");
+    this.button.setAttribute("aria-pressed", "false");
+    this.select = h("select", { "aria-label": "A is", onchange: () => this.choose(this.select.value) }, ...OTHERS.map((other) => h("option", { value: other.key }, other.name)));
+    this.modeButton = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.setDifference(!this.difference) }, "Difference");
+    this.range.addEventListener("input", () => this.place());
+    const bar = h("div", { class: "compare-bar" }, h("span", null, "A is"), this.select, this.range, this.modeButton, this.rmse);
+    this.overlay = h("div", { class: "compare", hidden: true }, this.line, this.labels.A, this.labels.B, bar);
+    let held = false;
+    this.line.addEventListener("pointerdown", (event) => {
+      held = true;
+      this.line.setPointerCapture(event.pointerId);
+      event.stopPropagation();
+    });
+    this.line.addEventListener("pointermove", (event) => {
+      if (!held) return;
+      const box = this.overlay.getBoundingClientRect();
+      this.range.value = String(Math.round((100 * (event.clientX - box.left)) / box.width));
+      this.place();
+    });
+    for (const end of ["pointerup", "pointercancel"] as const) this.line.addEventListener(end, () => (held = false));
+  }
+
+  /** What a link keeps. */
+  get shared(): { other: string; at: number; pinned: State | null; difference: boolean } | null {
+    const { pinned, difference } = this;
+    return this.on ? { other: this.select.value, at: this.range.valueAsNumber, pinned, difference } : null;
+  }
+
+  restore(shared: NonNullable<Compare["shared"]>): void {
+    this.pinned = shared.pinned;
+    this.range.value = String(shared.at);
+    this.select.value = shared.other;
+    this.toggle(true);
+    this.setDifference(shared.difference);
+  }
+
+  toggle(on = !this.on): void {
+    this.on = on;
+    this.button.setAttribute("aria-pressed", String(on));
+    this.overlay.hidden = !on;
+    if (on) this.choose(this.select.value, true);
+    else {
+      this.setDifference(false);
+      this.host.viewer.setSplit(null);
+    }
+    this.host.changed();
+  }
+
+  choose(key: string, keep = false): void {
+    this.select.value = key;
+    if (key === "pinned" && !(keep && this.pinned)) {
+      this.pinned = structuredClone(this.host.state());
+      this.host.viewer.looks.A.maps = { ...this.host.viewer.looks.B.maps };
+      this.host.announce("Pinned as A. Change anything: B is how it is now.");
+    }
+    this.labels.A.textContent = `A · ${this.other.short}`;
+    this.sync();
+    this.place();
+    this.host.changed();
+  }
+
+  private get other(): Other {
+    return OTHERS.find((one) => one.key === this.select.value) ?? OTHERS[0];
+  }
+
+  /** Follows the scene. `moving` as in `Live.want`. */
+  sync(moving = false): void {
+    if (!this.on) return;
+    const { viewer } = this.host;
+    const state = this.other.make(this.host.state(), this.pinned);
+    // on another mesh or light map a pinned setting has nowhere to lie
+    const now = this.host.state();
+    const a = { ...state, mesh: now.mesh, atlas: now.atlas };
+    dressLook(viewer.looks.A, a, this.host.showing(), this.host.lights(a));
+    if (this.other.key !== "pinned") viewer.looks.A.maps = { ...viewer.looks.B.maps };
+    if (this.liveA.image !== this.host.live.image) this.liveA.look(this.host.live.image);
+    this.liveA.want(a, moving);
+    viewer.redraw();
+  }
+
+  private place(): void {
+    const at = this.range.valueAsNumber / 100;
+    this.range.setAttribute("aria-valuetext", `${this.range.value} percent`);
+    this.overlay.style.setProperty("--at", `${100 * at}%`);
+    this.host.viewer.setSplit(at);
+    this.host.changed();
+  }
+
+  private setDifference(on: boolean): void {
+    this.difference = on;
+    this.modeButton.setAttribute("aria-pressed", String(on));
+    this.overlay.classList.toggle("is-difference", on);
+    if (!on) this.host.viewer.setDifference(false);
+    void this.measure();
+  }
+
+  /** Root of the mean square difference of the light on the surface, relative to its mean. */
+  async measure(): Promise<void> {
+    if (!this.on) return;
+    const a = this.liveA.values;
+    const b = this.host.live.values;
+    this.rmse.value = "";
+    if (!a || !b || a.width !== b.width || a.channels !== b.channels) return;
+    const covered = await this.covered(b.width).catch(() => null);
+    let square = 0;
+    let sum = 0;
+    let count = 0;
+    let most = 0;
+    for (let i = 0, at = 0; i < b.width * b.height; i++) {
+      for (let k = 0; k < b.channels; k++, at++) {
+        if (covered && half(covered.data[i]) < 0.5) continue;
+        const value = half(b.data[at]);
+        const apart = Math.abs(value - half(a.data[at]));
+        square += apart * apart;
+        sum += value;
+        count++;
+        if (apart > most) most = apart;
+      }
+    }
+    const relative = Math.sqrt(square / Math.max(count, 1)) / Math.max(sum / Math.max(count, 1), 1e-12);
+    this.rmse.value = `RMSE ${plain(100 * relative)} %`;
+    this.rmse.title = "Of the light that leaves, over all texels, relative to its mean";
+    this.host.viewer.setDifference(this.difference, Math.max(most / Math.PI / 2, 1e-6));
+  }
+
+  private async covered(size: number): Promise<HalfImage> {
+    const { mesh, atlas } = bakedPart(toScene(this.host.state()));
+    const key = JSON.stringify([mesh, atlas, size]);
+    if (this.coverage?.key !== key) {
+      const response = await api.image({ mesh, atlas: { ...atlas, raster: size } }, "coverage", { accept: "application/x-npy" });
+      this.coverage = { key, image: parseNpy(await response.arrayBuffer()) };
+    }
+    return this.coverage.image;
+  }
+}
+

@@ -1,0 +1,117 @@
+// How far light travels: the profile R(r), and every length in mm and in texels.
+
+import uPlot from "uplot";
+import "uplot/dist/uPlot.min.css";
+import { section } from "../controls";
+import { h, plain } from "../dom";
+import type { Profile, Showing } from "../types";
+
+const CHANNELS = ["red", "green", "blue"];
+const DECADES = 2000; // from the nearest distance shown to the farthest
+
+export class ProfilePanel {
+  readonly element: HTMLElement;
+  private readonly plot = h("div", { class: "plot", role: "img" });
+  private readonly table = h("table", { class: "numbers" });
+  private readonly warnings = h("ul", { class: "advice", "aria-live": "polite" });
+  private chart: uPlot | null = null;
+  private profile: Profile | null = null;
+  private showing: Showing | null = null;
+
+  constructor() {
+    const caption = h("p", { class: "note" }, "Where the light leaves that enters at one point, for red, green and blue. Dashed: a texel.");
+    this.element = section("How far light travels", caption, this.plot, this.warnings, this.table);
+  }
+
+  set(profile: Profile, showing: Showing | null): void {
+    this.profile = profile;
+    this.showing = showing;
+    this.draw();
+  }
+
+  /** Draws again, as when the colours of the page changed. */
+  draw(): void {
+    const { profile } = this;
+    if (!profile || !this.plot.clientWidth) return;
+    this.numbers(profile);
+    const styles = getComputedStyle(this.plot);
+    const colour = (name: string) => styles.getPropertyValue(name).trim();
+    // light that leaves per step of log r, in percent: areas are shares
+    const first = profile.r_mm[profile.r_mm.length - 1] / DECADES;
+    const rows = profile.r_mm.map((r, i) => ({ r, row: profile.reflectance_per_mm2[i] })).filter(({ r }) => r >= first);
+    const column = (k: number) => rows.map(({ r, row }) => 100 * 2 * Math.PI * r * r * row[k]);
+    const texel = this.showing?.atlas.texel_mm ?? 0;
+    const axis = { stroke: colour("--dim"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 }, font: "11px system-ui" };
+    const options: uPlot.Options = {
+      width: this.plot.clientWidth,
+      height: 170,
+      legend: { show: false },
+      cursor: { drag: { x: false, y: false }, y: false },
+      scales: { x: { time: false, distr: 3 } },
+      axes: [
+        { ...axis, label: "distance [mm]", labelSize: 16, labelFont: "11px system-ui", size: 30, values: (_, ticks) => ticks.map((tick) => (Math.abs(Math.log10(tick) - Math.round(Math.log10(tick))) < 1e-6 ? plain(tick) : "")) },
+        { ...axis, size: 42, values: (_, ticks) => ticks.map((tick) => `${plain(tick)} %`) },
+      ],
+      hooks: { draw: [(chart) => mark(chart, texel, colour("--dim"))] },
+      series: [{}, ...CHANNELS.map((name) => ({ label: name, stroke: colour(`--${name}`), width: 2, points: { show: false } }))],
+    };
+    this.chart?.destroy();
+    this.chart = new uPlot(options, [rows.map(({ r }) => r), column(0), column(1), column(2)] as uPlot.AlignedData, this.plot);
+    const reach = profile.radius_mm["0.9"].map(plain).join(", ");
+    this.plot.setAttribute("aria-label", `Scattering profile; nine tenths of the light leave within ${reach} mm for red, green, blue`);
+  }
+
+  private numbers(profile: Profile): void {
+    const texel = this.showing?.atlas.texel_mm ?? null;
+    const rows: [string, (number | null)[], boolean][] = [
+      ["Mean free path", profile.mean_free_path_mm, true],
+      ["Diffusion length", profile.diffusion_length_mm, true],
+      ["Half leaves within", profile.radius_mm["0.5"], true],
+      ["90 % leaves within", profile.radius_mm["0.9"], true],
+      ["99 % leaves within", profile.radius_mm["0.99"], true],
+      ["Comes back", profile.total, false],
+      ["Error of the fit", profile.fit_error, false],
+    ];
+    const cell = (value: number | null, length: boolean) => {
+      if (value === null) return "∞";
+      if (!length) return value < 0.02 ? `${plain(100 * value)} %` : `${(100 * value).toFixed(0)} %`;
+      return two(value);
+    };
+    const head = h("tr", null, h("th", { scope: "col" }, "mm (tx: texels)"), ...CHANNELS.map((name) => h("th", { scope: "col", class: name }, name)));
+    const body = rows.map(([name, values, length]) => h("tr", null, h("th", { scope: "row" }, name), ...values.map((value) => h("td", null, cell(value, length), length && texel && value !== null ? h("small", null, `${two(value / texel)} tx`) : null))));
+    this.table.replaceChildren(h("thead", null, head), h("tbody", null, ...body));
+    this.warnings.replaceChildren(...this.warn(profile, texel).map((text) => h("li", null, text)));
+  }
+
+  /** What is wrong with the scale, in sentences. */
+  private warn(profile: Profile, texel: number | null): string[] {
+    const said: string[] = [];
+    const half = Math.max(...profile.radius_mm["0.5"]);
+    const most = Math.max(...profile.radius_mm["0.99"]);
+    if (texel && half < texel)
+      said.push(`Half of the light stays within ${plain(half / texel)} texels: the picture can hardly show it. A larger light map, or a smaller object, would.`);
+    const box = this.showing?.mesh.box_mm;
+    if (box) {
+      const size = Math.max(...[0, 1, 2].map((k) => box[1][k] - box[0][k]));
+      if (most > size) said.push(`Light spreads over ${plain(most)} mm, farther than the object is long (${plain(size)} mm). Is its unit right?`);
+    }
+    return said;
+  }
+}
+
+const two = (value: number): string => plain(Number(value.toPrecision(2)));
+
+/** A dashed line at `x`, where it is on the chart. */
+function mark(chart: uPlot, x: number, stroke: string): void {
+  const { ctx, bbox } = chart;
+  const at = chart.valToPos(x, "x", true);
+  if (!(x > 0) || at < bbox.left || at > bbox.left + bbox.width) return;
+  ctx.save();
+  ctx.strokeStyle = stroke;
+  ctx.setLineDash([4, 4]);
+  ctx.beginPath();
+  ctx.moveTo(at, bbox.top);
+  ctx.lineTo(at, bbox.top + bbox.height);
+  ctx.stroke();
+  ctx.restore();
+}
