@@ -14,6 +14,7 @@ GRID_BYTES = 120  # images of the full square during diffusion and export
 SECONDS_PER_TEXEL = {"uv": 1.6e-6, "none": 0.2e-6}  # per texel and Gaussian of the full square
 OPERATOR_SECONDS = 25e-6  # to build and apply the operators of one texel
 OPERATOR_BYTES = 1200
+OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
 RAYS_PER_SECOND = 1.5e6
 XATLAS_FACES_PER_SECOND = 5e3
@@ -41,6 +42,8 @@ def estimate(scene: Scene) -> dict[str, str]:
     if scene.methods.diffusion == "surface":
         seconds += texels * OPERATOR_SECONDS
         memory += texels * OPERATOR_BYTES
+    if scene.methods.diffusion == "octree":
+        seconds += texels * OCTREE_SECONDS
     width, height, depth = mesh.extent.tolist()
     lines = {
         "object": f"{width:.4g} × {height:.4g} × {depth:.4g} mm, {mesh.faces.shape[0]:,} faces",

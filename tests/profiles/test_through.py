@@ -77,7 +77,7 @@ def test_maps_and_thickness_vary_together():
 
 @pytest.mark.parametrize("thickness", [1.0, 3.0, 8.0])
 def test_straight_distances_give_the_same_light(thickness: float):
-    """∫ T'(√(ρ² + d²)) dA = T̂(0), and much the same shape."""
+    """∫ T'(√(ρ² + d²)) dA = T̂(0), in a shape not far off; nothing is negative."""
     away = torch.full((1,), thickness)
     _, passed = weights_through(Stack(preset("skin1")), LADDER, away)
     fitted = straight(passed, away)
@@ -88,11 +88,12 @@ def test_straight_distances_give_the_same_light(thickness: float):
     # a Gaussian of variance 0 is left out of `evaluate`; measured 4e-4
     torch.testing.assert_close(total.float(), passed.total[0], rtol=0.01, atol=1e-4)
     wrong = (r[:, None] * (along - through) ** 2).sum(0).sqrt() / (r[:, None] * along**2).sum(0).sqrt()
-    # few Gaussians of the ladder are as wide as this; measured .27 to .45
-    assert float(wrong[0]) < 0.5
+    # as wide as the ladder has them; measured .36 to .70
+    assert float(wrong[0]) < 0.9
+    assert bool((fitted.table >= 0).all())
 
 
 def test_beyond_all_gaussians_nothing_passes():
     away = torch.full((1,), 500.0)
     _, passed = weights_through(Stack(preset("skin1")), LADDER, away)
-    assert bool((straight(passed, away).table == 0).all())
+    assert float(straight(passed, away).table.abs().max()) < 1e-6

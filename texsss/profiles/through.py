@@ -6,7 +6,6 @@ import torch
 
 from texsss.media.stack import FAR_MM, LayerTable, Stack
 from texsss.profiles.incidence import Incidence
-from texsss.profiles.project import frequencies
 from texsss.profiles.weights import Weights, weights_for
 from texsss.types import Cancel, Float, Progress, Tensor
 
@@ -15,7 +14,7 @@ COARSE_STEP = 0.03  # where the layers vary, too
 THINNEST_MM = 1e-4
 FADES_AT = (2.0, 4.0)  # own thicknesses of a finite stack between which the far side is lost from sight
 FADING = 64  # steps of what is lost from sight
-RIDGE = 1e-5  # relative; keeps Gaussians that fall off before the far side out of the sum
+STEEPEST = 2.0  # d²/2v of a Gaussian of the straight distance: two deviations
 
 
 def weights_through(
@@ -82,33 +81,27 @@ def mirrored(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
 def straight(passed: Weights, thickness: Float[Tensor, " P"]) -> Weights:
     """`passed` as sums of Gaussians of the straight distance between the two sides, `thickness` [mm] apart.
 
-    A Gaussian of the straight distance is e^(-d²/2v) times that of the distance along the surface: the
-    weights are fitted anew, with the same total, so that those which would have to grow beyond measure
-    leave their share to wider ones.
+    A Gaussian of the straight distance is e^(-d²/2v) times that of the distance along the surface, so its
+    weight grows by the inverse; those whose d is beyond two deviations leave their share to the
+    narrowest within, and none is negative: far sides nearer than d must not be flooded. The total is kept,
+    unless the object is thicker than two deviations of the widest.
     """
     count = len(passed.table)
     # rows are of one thickness each, but for the rounding
     rows = thickness.new_full((count,), torch.inf)
-    rows = rows.scatter_reduce(0, passed.row.long(), thickness, "amin").double().clamp(THINNEST_MM, FAR_MM)
-    variances = passed.variances.double()
-    s, ds = frequencies(variances, 32)
-    basis = torch.exp(-(s[:, None] ** 2) * variances / 2)
-    gram = basis.T @ ((s * ds)[:, None] * basis)
-    fall = torch.exp(-(rows[:, None] ** 2) / (2 * variances.clamp_min(1e-30)))  # (U, K)
-    fall = torch.where(variances > 0, fall, 0)
-    size = len(variances)
-    system = gram.new_zeros(count, size + 1, size + 1)
-    system[:, :size, :size] = fall[:, :, None] * gram * fall[:, None, :]
-    system[:, :size, :size] += RIDGE * gram.diagonal().mean() * torch.eye(size, dtype=gram.dtype)
-    system[:, :size, size] = system[:, size, :size] = fall
-    # nothing reaches so far: zero weights, and no constraint to meet
-    lost = fall.amax(1) < 1e-6
-    system[lost, :size, size] = system[lost, size, :size] = 0
-    system[lost, size, size] = 1
-    table = passed.table.double()
-    right = torch.cat([fall[:, :, None] * (gram @ table), table.sum(1, keepdim=True)], 1)
-    right[lost] = 0
-    return replace(passed, table=torch.linalg.solve(system, right)[:, :size].to(passed.table))
+    rows = rows.scatter_reduce(0, passed.row.long(), thickness, "amin").clamp(THINNEST_MM, FAR_MM)
+    variances, order = passed.variances.to(rows).sort()
+    exponent = rows[:, None] ** 2 / (2 * variances.clamp_min(1e-30))  # (U, K), falling
+    number = torch.arange(len(order))
+    first = (exponent > STEEPEST).sum(1, keepdim=True).clamp_max(len(order) - 1)
+    heir = torch.maximum(number, first)
+    positive = passed.table.clamp_min(0)
+    some = positive.sum(1, keepdim=True)
+    share = passed.table.sum(1, keepdim=True).clamp_min(0) / torch.where(some > 0, some, 1)
+    weight = (positive * share)[:, order]
+    taken = torch.zeros_like(weight).scatter_add(1, heir[:, :, None].expand_as(weight), weight)
+    grown = taken * torch.exp(exponent.clamp_max(STEEPEST))[:, :, None].to(taken)
+    return replace(passed, table=grown[:, torch.argsort(order)])
 
 
 def _rounded(thickness: Float[Tensor, " P"], step: float) -> Float[Tensor, " P"]:
