@@ -30,7 +30,7 @@ def test_a_spot_spreads_by_the_variance_asked_for():
         mean = (position * copy).sum(0)
         found = float(((position - mean).square() * copy).sum() / 2)
         own = float(((position - 64)[:, :2].square() * light).sum() / 2)
-        # measured 2 %: bilinear look-ups add some
+        # bilinear look-ups add some
         assert found - own == pytest.approx(variance, rel=0.05)
 
 
@@ -44,7 +44,6 @@ def test_more_passes_come_closer_to_the_gaussian():
     for passes in (1, 2, 4):
         found = diffuse_poisson(light, texels, torch.tensor([50.0]), passes=passes, reduction=1)[0]
         errors.append(float((found - expected).norm() / expected.norm()))
-    # measured .55, .14, .09
     assert errors[0] > 2 * errors[1] > 2 * errors[2] / 1.01 and errors[2] < 0.12
 
 
