@@ -36,10 +36,9 @@ def test_layered_diffusion_solves_its_equation(layers, cosine):
     cosine = max(cosine, math.sqrt(1 - 1 / layers[0].eta ** 2) + 0.05)  # what refraction leaves possible
     R, T = diffusion.hankel(layers, S.numpy(), cosine=cosine)
     light = [(cosine, 1.0)]
-    np.testing.assert_allclose(layered_diffusion.reflectance(table, S, light)[:, 0], R, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(
-        layered_diffusion.transmittance(table, S, light)[:, 0], T, rtol=1e-6, atol=1e-9
-    )
+    for side, exact in zip(SIDES, (R, T), strict=True):
+        ours = layered_diffusion.profile(table, S, light, side=side)[:, 0]
+        np.testing.assert_allclose(ours, exact, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ from texsss.profiles import layered_diffusion, layered_sp3
 from texsss.profiles.dipole import dipole_hankel
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.multipole import better_dipole, stacked
-from texsss.profiles.single import single
-from texsss.profiles.slab import Directions, in_blocks
+from texsss.profiles.slab import Directions
 from texsss.types import Float, Tensor
 
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
@@ -64,15 +63,20 @@ def flat_profile(
     scattering: str = "total",
     incidence: Incidence = "diffuse",
     phase: str = "henyey-greenstein",
+    compiled: bool = False,
 ) -> Float[Tensor, "S N"]:
-    """R̂(s) or T̂(s), by `side`, of all rows and channels flattened to N, as they are computed."""
+    """R̂(s) or T̂(s), by `side`, of all rows and channels flattened to N, as they are computed.
+
+    `compiled`: the layered models under torch.compile, without gradients.
+    """
     choose("model", model, MODELS)
     choose("scattering", scattering, SCATTERINGS)
     choose("side", side, SIDES)
     choose("phase", phase, PHASES)
     directions = incidence_directions(incidence, table.eta[0])
     if model == "layered-sp3":
-        return layered_sp3.profile(table, s, directions, side=side, scattering=scattering, phase=phase)
+        options = {"side": side, "scattering": scattering, "phase": phase}
+        return layered_sp3.profile(table, s, directions, **options, compiled=compiled)
     if model == "better-dipole":
         return _better_dipole(table, s, side, scattering, directions, phase)
     if scattering != "total":
@@ -83,9 +87,8 @@ def flat_profile(
     if model == "multipole":
         slab = stacked(table, s)
         return slab.R_plus if side == "reflectance" else slab.T_plus
-    solve = layered_diffusion.reflectance if side == "reflectance" else layered_diffusion.transmittance
     mean = mean_direction(incidence, table.eta[0])
-    return torch.cat([solve(part, s, mean) for part in in_blocks(table)], 1)
+    return layered_diffusion.profile(table, s, mean, side=side, compiled=compiled)
 
 
 def _better_dipole(
@@ -98,7 +101,8 @@ def _better_dipole(
 ) -> Float[Tensor, "S N"]:
     first = table.of([x[..., :1, :] for x in table.fields])
     first = replace(first, eta=table.eta[:1], bottomless=True)
-    once, more = single(first, s, directions, "reflectance", phase), better_dipole(table, s)
+    once = layered_sp3.profile(first, s, directions, side="reflectance", scattering="single", phase=phase)
+    more = better_dipole(table, s)
     R = {"single": once, "multiple": more, "total": once + more}[scattering]
     return R if side == "reflectance" else torch.zeros_like(R)
 

@@ -7,27 +7,30 @@ is replaced by the exact integral. Cosines, boundary coefficients: fitted to hal
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
 
-from dataclasses import replace
+from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.profiles.single import single
-from texsss.profiles.slab import (
-    CLEAR,
-    Coefficients,
-    Directions,
-    Light,
-    ballistic,
-    in_blocks,
-    layers_of,
-    light_in,
-)
-from texsss.profiles.two_mode_sweep import scattered_twice
-from texsss.profiles.two_modes import TwoModes, two_modes
+from texsss.numerics.compiled import constant
+from texsss.profiles import single
+from texsss.profiles.blocks import Solver, solved
+from texsss.profiles.single import Node, scattered_once
+from texsss.profiles.slab import Directions, added, ballistic, from_side, light_in
+from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
+from texsss.profiles.two_mode_sweep import prepare as swept
+from texsss.profiles.two_modes import two_modes
 from texsss.types import Float, Tensor
 
 FEW = 1e-6  # multiply scattered light [of what entered] below which its normalisation fades out
+
+
+class Prepared(NamedTuple):
+    """A stack seen from one side, whatever the frequency."""
+
+    once: tuple[Node, ...]  # none if only multiple scattering was asked for
+    sweeps: tuple[Sweep, ...]  # none if only single scattering was
+    share: tuple[Tensor, ...]  # of every sweep, (N,)
 
 
 def profile(
@@ -38,6 +41,7 @@ def profile(
     side: str,
     scattering: str = "total",
     phase: str = "henyey-greenstein",
+    compiled: bool = False,
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
@@ -47,80 +51,81 @@ def profile(
     coefficients, in which light that is hardly deflected is part of the beam; of it only `single`
     knows `phase`. Differentiable in `table` and `s`.
     """
+    known = not table.isotropic and (side == "reflectance" or scattering == "single")
+    asked = (directions, side, scattering, phase)
+    return solved(table, s, Solver(prepare, asked, spectrum, side, known), compiled)
+
+
+@no_type_check
+def prepare(layers, directions, side, scattering, phase, unreduced):
+    """All of a profile that does not depend on the frequency.
+
+    `unreduced`: the layers with their true coefficients, where single scattering has these; else None.
+    """
+    lights = light_in(layers, directions)
+    once = reduced = single.prepare(*from_side(side, layers, lights), None)
+    if unreduced is not None:
+        once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
     if scattering == "single":
-        blocks = [single(part, s, directions, side, phase) for part in in_blocks(table)]
-    else:
-        factor = _furnace(table, directions)
-        parts = in_blocks(table)
-        lacking = factor.split([part.sigma_a[..., 0, :].numel() for part in parts])
-        blocks = [
-            _profile(part, s, directions, side, scattering, phase, f)
-            for part, f in zip(parts, lacking, strict=True)
-        ]
-    return torch.cat(blocks, 1)
+        return Prepared(once, (), ())
+    sweeps, weights = _sweeps(layers, lights, side)
+    factor = _furnace(layers, lights, directions)
+    if unreduced is not None:
+        zero = factor.new_zeros(1, 1)
+        whole = factor * _swept(sweeps, weights, zero)
+        handed = scattered_once(reduced, zero) - scattered_once(once, zero)
+        # backward scattering can ask for more than there is
+        factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)[0]
+    return Prepared(() if scattering == "multiple" else once, sweeps, tuple(factor * w for w in weights))
 
 
-def _profile(
-    table: LayerTable,
-    s: Tensor,
-    directions: Directions,
-    side: str,
-    scattering: str,
-    phase: str,
-    lacking: Tensor,
-) -> Tensor:
-    """The total or multiple part of one block of rows; `lacking`: the factor of the furnace."""
-    if side == "transmittance" or table.isotropic:
-        rest = _multiple(table, s, directions, side) * lacking
-        return rest if scattering == "multiple" else rest + single(table, s, directions, side)
-    zero = s.new_zeros(1)
-    rest = _multiple(table, torch.cat([s, zero]), directions, side) * lacking
-    rest, whole = rest[:-1], rest[-1:]
-    handed = single(table, zero, directions, side) - single(table, zero, directions, side, phase)
-    # backward scattering can ask for more than there is
-    rest = rest * (1 + handed / (whole + 1e-20)).clamp_min(0)
-    return rest if scattering == "multiple" else rest + single(table, s, directions, side, phase)
+@no_type_check
+def spectrum(prepared, s):
+    """R̂ or T̂ per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
+    terms = [scattered_once(prepared.once, s)] if prepared.once else []
+    s2 = s * s
+    terms += [share * scattered_twice(sweep, s, s2) for share, sweep in zip(prepared.share, prepared.sweeps)]
+    return added(terms)
 
 
-def _multiple(table: LayerTable, s: Tensor, directions: Directions, side: str) -> Tensor:
-    """R̂ or T̂ of light scattered twice or more, in reduced coefficients and before the furnace."""
-    if side == "transmittance" and table.bottomless:
-        return s.new_zeros(s.shape[0], table.sigma_a[..., 0, :].numel())
-    layers = layers_of(table)
-    return _swept(layers, light_in(layers, directions), s, side)
+@no_type_check
+def _swept(sweeps, weights, s):
+    return added([weight * scattered_twice(sweep, s, s * s) for weight, sweep in zip(weights, sweeps)])
 
 
-def _swept(layers: list[Coefficients], lights: list[list[Light]], s: Tensor, side: str) -> Tensor:
-    """What the two modes make of multiple scattering."""
+@no_type_check
+def _sweeps(layers, lights, side):
+    """Sweeps of two modes, one per parameter set, and the weights of these."""
     inner = layers[0].eta
-    if side == "transmittance":  # the stack seen from below
-        layers = layers[::-1]
-        lights = [[light.flipped for light in beams] for beams in reversed(lights)]
-    total = s.new_zeros(())
-    for weight, *modes in _parameters(inner, layers[0].eta, layers[-1].eta):
-        total = total + weight * scattered_twice(layers, lights, s, *modes)
-    return total
+    layers, lights = from_side(side, layers, lights)
+    sets = _parameters(inner, layers[0].eta, layers[-1].eta)
+    return tuple(swept(layers, lights, *modes) for _, *modes in sets), tuple(weight for weight, *_ in sets)
 
 
-def _furnace(table: LayerTable, directions: Directions) -> Tensor:
+@no_type_check
+def _furnace(layers, lights, directions):
     """What multiple scattering lacks for the same stack without absorption to return all light, (N,)."""
-    scattered = table.sigma_a + table.sigma_s * (1 - table.g)
-    fields = [table.sigma_a * 0, scattered.clamp_min(CLEAR), table.g * 0, table.thickness]
-    white = replace(table.of(fields), known_isotropic=True)
-    zero = table.sigma_a.new_zeros(1)
-    sides = ("reflectance",) if table.bottomless else ("reflectance", "transmittance")
-    have = torch.stack([_multiple(white, zero, directions, side)[0] for side in sides]).sum(0)
-    once = torch.stack([single(white, zero, directions, side)[0] for side in sides]).sum(0)
-    lacking = 1 - sum(ballistic(white, directions)) - once
+    white = [layer._replace(sigma_a=torch.zeros_like(layer.sigma), sigma_s=layer.sigma) for layer in layers]
+    lit = [
+        [light._replace(source=light.share / light.cosine * layer.sigma) for light in beams]
+        for layer, beams in zip(layers, lights)
+    ]
+    zero = layers[0].sigma.new_zeros(1, 1)
+    once, have = 0.0, 0.0
+    for side in ("reflectance", "transmittance")[: 1 if layers[-1].d is None else 2]:
+        once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)[0]
+        have = have + _swept(*_sweeps(white, lit, side), zero)[0]
+    lacking = 1 - ballistic(layers, directions) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 
 
-def _parameters(inner: float, near: float, far: float) -> list[tuple[float, TwoModes, TwoModes, TwoModes]]:
+@constant
+def _parameters(inner, near, far):
     """Parameter sets of the medium, the near and the far boundary, with their weights."""
     if near == far:
-        return [(weight, modes, modes, modes) for weight, modes in two_modes(near)]
-    return [
+        return tuple((weight, modes, modes, modes) for weight, modes in two_modes(near))
+    return tuple(
         (u * v, top if inner == near else bottom, top, bottom)
         for u, top in two_modes(near)
         for v, bottom in two_modes(far)
-    ]
+    )

@@ -7,144 +7,182 @@ end, the integral of J0 from there on is a damped oscillation that matches its v
 """
 
 import math
-from functools import lru_cache
+from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media import fresnel
 from texsss.media.phase import between_cones
-from texsss.media.stack import LayerTable
-from texsss.numerics.exponentials import relexp
+from texsss.numerics.compiled import constant
 from texsss.numerics.quadrature import gauss_weighted
-from texsss.profiles.slab import Coefficients, Directions, Light, layers_of, light_in, mirror_of, refracted
-from texsss.types import Float, Tensor
+from texsss.profiles.modes import overlap
+from texsss.profiles.slab import FAR, flipped, mirror_of, refracted
+from texsss.types import Tensor
 
 NODES = 4
-_FAR = 40.0  # sideways [1/s], beyond which nothing is left; denormal numbers take ten times longer
 # 1 - ∫_0^x J0 and J0 itself as damped oscillations: within .05 for x ≤ 3, which is where both matter
 _DAMPING, _TURN = 0.35, 0.72
 _SPREAD_FROM = 3.0  # sideways shift [1/s] from which light through a slab is attenuated as in a half-space
 
 
-def single(
-    table: LayerTable,
-    s: Float[Tensor, " S"],
-    directions: Directions,
-    side: str,
-    phase: str | None = None,
-) -> Float[Tensor, "S N"]:
-    """R̂1 or T̂1 (`side`) of light that entered in `directions`, per row and channel, flattened to N.
+class Shaft(NamedTuple):
+    """A beam in one layer, scattered towards one node, (N,) each."""
 
-    `phase` None: the reduced coefficients, isotropic (similarity); a name: the true coefficients with
-    that phase function. A free bottom mirrors the beam and the light on its way out.
-    Differentiable in `table` and `s`. Source: Hanrahan & Krueger 1993, in Hankel space.
+    a: Tensor  # attenuation per depth, in and out [1/mm]
+    squared: Tensor
+    start: Tensor  # strength at the top of the layer
+    end: Tensor | None  # and at its bottom
+
+
+class Bounced(NamedTuple):
+    """A beam from below in one layer, scattered towards one node, (N,) each."""
+
+    tau: Tensor
+    beam: Tensor
+    strength: Tensor
+
+
+class Leg(NamedTuple):
+    """The way out through one layer."""
+
+    drift: Tensor  # sideways per depth, a number
+    aside: Tensor | None  # sideways from the face to the bottom of the layer [mm] (N,)
+    d: Tensor | None
+    escape: Tensor  # attenuation per depth on the way out [1/mm] (N,)
+    shafts: tuple[Shaft, ...]
+    bounced: tuple[Bounced, ...]
+
+
+class Node(NamedTuple):
+    """One cosine of light that leaves: the ways out by the near face, and by the far one to be mirrored."""
+
+    near: tuple[Leg, ...]
+    far: tuple[Leg, ...] | None
+    mirrored: Tensor  # reflectance of the far face, and of both: numbers
+    again: Tensor
+
+
+@no_type_check
+def prepare(layers, lights, phase):
+    """All of the light that leaves by the first of `layers` that does not depend on the frequency.
+
+    `phase` None: isotropic; else one of PHASES with the layers' g, and these have true coefficients.
+    A free bottom mirrors the beam and the light on its way out.
+    Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
     """
-    if side == "transmittance" and table.bottomless:
-        return s.new_zeros(s.shape[0], table.sigma_a[..., 0, :].numel())
-    layers = layers_of(table) if phase is None else _unreduced(table)
-    lights = light_in(layers, directions)
-    g = [table.g[..., k, :].reshape(-1) for k in range(len(layers))]
-    if phase is not None and table.isotropic:
-        phase = None
-    if side == "transmittance":  # the stack seen from below
-        layers, g = layers[::-1], g[::-1]
-        lights = [[light.flipped for light in beams] for beams in reversed(lights)]
-    total = s.new_zeros(())
+    nodes = []
     for mu, weight in _nodes(layers[0].eta):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
-        near, through = _leaving(layers, lights, g, cosines, s[:, None], phase)
-        if through is not None:
-            behind = [[light.flipped for light in beams] for beams in reversed(lights)]
-            far, _ = _leaving(layers[::-1], behind, g[::-1], cosines[::-1], s[:, None], phase)
+        near, far = _legs(layers, lights, cosines, phase, weight / 2), None
+        if layers[-1].d is not None:
             # per solid angle at the far face, so that both are of one pencil of light
-            far = far * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
-            outside = refracted(mu, layers[0].eta, 1.0)
-            mirror, other = (mirror_of(outside, layers[k].eta) for k in (0, -1))
-            near = (near + other * through * far) / (1 - mirror * other * through**2)
-        total = total + weight / 2 * near
+            share = weight / 2 * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
+            far = _legs(layers[::-1], flipped(lights), cosines[::-1], phase, share)
+        outside = refracted(mu, layers[0].eta, 1.0)
+        mirror, other = mirror_of(outside, layers[0].eta), mirror_of(outside, layers[-1].eta)
+        number = layers[0].sigma.new_full
+        nodes.append(Node(near, far, number((), other), number((), mirror * other)))
+    return tuple(nodes)
+
+
+@no_type_check
+def _legs(layers, lights, cosines, phase, weight):
+    """Ways out at `cosines` by the face of the first layer, per cosine there."""
+    slab = layers[-1].d is not None
+    above = [light.down * weight for light in lights[0]]  # beam down times light up, to s = 0
+    aside = torch.zeros_like(layers[0].sigma)
+    legs = []
+    for layer, beams, cosine in zip(layers, lights, cosines):
+        drift = max(1 / cosine**2 - 1, 0) ** 0.5
+        spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
+        escape = layer.sigma / cosine
+        if layer.d is not None:
+            aside = aside + drift * layer.d
+        shafts, bounced = [], []
+        for i, light in enumerate(beams):
+            a = light.sigma + escape
+            source = light.source * (spread * _deflection(phase, light.cosine, -cosine, layer.g))
+            start, end = source * above[i], None
+            if layer.d is not None:
+                above[i] = above[i] * torch.exp(-(a * layer.d).clamp_max(FAR))
+                end = source * above[i]
+            shafts.append(Shaft(a, a * a, start, end))
+            if slab:
+                source = light.source * (weight * spread * _deflection(phase, light.cosine, cosine, layer.g))
+                bounced.append(Bounced(light.sigma * layer.d, light.beam, source * layer.d * light.up))
+        way = None if layer.d is None else aside
+        legs.append(Leg(escape.new_full((), drift), way, layer.d, escape, tuple(shafts), tuple(bounced)))
+    return tuple(legs)
+
+
+@no_type_check
+def scattered_once(nodes, s):
+    """R̂1 or T̂1 per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
+    total = None
+    for node in nodes:
+        near, through = _leaving(node.near, s, total)
+        if node.far is not None:
+            far, _ = _leaving(node.far, s, None)
+            near = (near + node.mirrored * through * far) / (1 - node.again * through * through)
+            near = near if total is None else total + near
+        total = near
     return total
 
 
-def _leaving(
-    layers: list[Coefficients],
-    lights: list[list[Light]],
-    g: list[Tensor],
-    cosines: list[float],
-    s: Tensor,
-    phase: str | None,
-) -> tuple[Tensor, Tensor | None]:
-    """Light at the near face that comes out at `cosines`, per cosine there, and the share that passes all.
-
-    The latter is None without a bottom.
-    """
-    drift = [math.sqrt(max(1 / c**2 - 1, 0)) for c in cosines]  # sideways per depth
-    bottom = layers[-1].d is not None
-    shifts = [n * layer.d for n, layer in zip(drift, layers, strict=True) if layer.d is not None]
-    shift = torch.stack(shifts).sum(0) if bottom else None
-    total = s.new_zeros(())
-    through = s.new_ones(()) if bottom else None
-    above = [torch.ones_like(light.down) for light in lights[0]]  # beam down times light up, to s = 0
-    depth = torch.zeros_like(layers[0].sigma)  # [mm] sideways
-    wave = None  # the damped oscillation, and what its slope adds
-    for layer, beams, k, cosine, n in zip(layers, lights, g, cosines, drift, strict=True):
-        spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
-        b, escape = s * n, layer.sigma / cosine
+@no_type_check
+def _leaving(legs, s, total):
+    """Light at the near face, added to `total` where nothing is mirrored, and the share that passes all."""
+    slab = legs[-1].d is not None
+    total = None if slab else total
+    wave, through, shift = None, 1.0, None  # the damped oscillation, and what its slope adds
+    if slab:
+        shift = s * legs[-1].aside
+        shift = shift / (shift + _SPREAD_FROM)
+    for leg in legs:
+        b = s * leg.drift
         b2 = b * b
         start = wave
-        if layer.d is not None:
-            depth = depth + n * layer.d
-            x = (s * depth).clamp_max(_FAR)
-            damped = torch.exp(-_DAMPING * x)
-            swing = damped * (torch.sin(_TURN * x) / _TURN)
-            wave = damped * torch.cos(_TURN * x) + _DAMPING * swing, swing
-        for i, light in enumerate(beams):
-            a = light.sigma + escape
-            root = torch.sqrt(b2 + a * a)
-            slope = b / (root + a)
-            strength = (
-                spread * _deflection(phase, light.cosine, -cosine, k) * light.source * lights[0][i].down
-            )
-            here = (strength * above[i]) * _beyond(slope, start)
-            if layer.d is not None:
-                above[i] = above[i] * torch.exp(-a * layer.d)
-                here = here - (strength * above[i]) * _beyond(slope, wave)
-            total = total + here / root
-        if bottom:
-            assert shift is not None and through is not None and layer.d is not None
-            aside = s * shift
-            out = escape + (torch.sqrt(escape**2 + b2) - escape) * (aside / (aside + _SPREAD_FROM))
-            passed = torch.exp(-out * layer.d)
-            for light in beams:
-                assert light.up is not None and light.beam is not None
-                strength = spread * _deflection(phase, light.cosine, cosine, k) * light.source * light.up
-                mirrored = torch.maximum(light.beam, passed) * relexp((light.sigma - out).abs() * layer.d)
-                total = total + strength * layer.d * through * mirrored
+        if leg.d is not None:
+            x = torch.clamp(s * leg.aside, max=FAR)
+            damped = torch.exp(x * -_DAMPING)
+            swing = damped * torch.sin(x * _TURN) * (1 / _TURN)
+            wave = torch.add(damped * torch.cos(x * _TURN), swing, alpha=_DAMPING), swing
+        for shaft in leg.shafts:
+            root = torch.sqrt(shaft.squared + b2)
+            slope = b / (root + shaft.a)
+            here = shaft.start if start is None else shaft.start * _beyond(slope, start)
+            if leg.d is not None:
+                here = torch.addcmul(here, shaft.end, _beyond(slope, wave), value=-1)
+            total = here / root if total is None else torch.addcdiv(total, here, root)
+        if slab:
+            out = leg.escape + (torch.sqrt(leg.escape * leg.escape + b2) - leg.escape) * shift
+            minus = out * -leg.d
+            passed = torch.exp(torch.clamp(minus, min=-FAR))
+            for ray in leg.bounced:
+                total = total + ray.strength * through * overlap(passed, ray.beam, minus + ray.tau)
             through = through * passed
     return total, through
 
 
-def _beyond(slope: Tensor, wave: tuple[Tensor, Tensor] | None) -> Tensor | float:
+@no_type_check
+def _beyond(slope, wave):
     """∫ J0(b (Z + z)) e^(-az) dz √(a² + b²) by the oscillation at Z, `slope` = (√(a² + b²) - a) / b."""
-    if wave is None:
-        return 1.0
     return torch.addcmul(wave[0], slope, wave[1], value=-1)
 
 
-def _deflection(phase: str | None, first: float, second: float, g: Tensor) -> Tensor | float:
+@no_type_check
+def _deflection(phase, first, second, g):
     """4π times the phase function between cones at two cosines; 1 if it is round."""
     return 1.0 if phase is None else 4 * math.pi * between_cones(phase, first, second, g)
 
 
-def _spread(near: float, eta_near: float, far: float, eta_far: float) -> float:
+@no_type_check
+def _spread(near, eta_near, far, eta_far):
     """dμ_far / dμ_near of one pencil of light across a change of index."""
     return near * eta_near**2 / (far * eta_far**2)
 
 
-def _unreduced(table: LayerTable) -> list[Coefficients]:
-    return layers_of(table.of([table.sigma_a, table.sigma_s, torch.zeros_like(table.g), table.thickness]))
-
-
-@lru_cache(maxsize=64)
+@constant
 def _nodes(eta: float) -> tuple[tuple[float, float], ...]:
     """Cosines inside, and weights, of light that the surface lets out."""
     critical = math.sqrt(1 - 1 / eta**2)

@@ -1,26 +1,19 @@
 """Mean cosines and boundary coefficients of the two modes of `layered-sp3`, by refractive index."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from texsss.errors import DomainError
 
 
-@dataclass(frozen=True)
-class TwoModes:
-    """Per mode: mean cosine, boundary loss, and growth of loss and exit with frequency."""
+class TwoModes(NamedTuple):
+    """Per mode: mean cosine, boundary loss, and growth of loss and exit with frequency; and its weight."""
 
     mu: tuple[float, float]
     b: tuple[float, float]
     gamma: tuple[float, float]
     delta: tuple[float, float]
-
-    @property
-    def w(self) -> tuple[float, float]:
-        """Weights of the modes, so that Σ w = 1 and Σ w μ² = ⅓."""
-        first, second = self.mu[0] ** 2, self.mu[1] ** 2
-        w = (second - 1 / 3) / (second - first)
-        return w, 1 - w
+    w: tuple[float, float]  # Σ w = 1 and Σ w μ² = ⅓
 
 
 # eta: μ1 μ2, b1 b2, γ1 γ2, δ1 δ2. Gauss nodes at eta 1; the others are fitted to half-spaces of
@@ -50,19 +43,25 @@ def two_modes(eta: float) -> list[tuple[float, TwoModes]]:
             "use layered-diffusion beyond."
         )
     if eta in _FITTED:
-        return [(1.0, TwoModes(*_FITTED[eta]))]
+        return [(1.0, _modes(*_FITTED[eta]))]
     knots = sorted(_FITTED)
     high = next(k for k in knots if k > eta)
     low = knots[knots.index(high) - 1]
     share = (eta - low) / (high - low)
     if low == 1.0:
-        return [(1 - share, TwoModes(*_FITTED[low])), (share, TwoModes(*_FITTED[high]))]
+        return [(1 - share, _modes(*_FITTED[low])), (share, _modes(*_FITTED[high]))]
     linear = [_blend(a, b, share) for a, b in zip(_FITTED[low][:2], _FITTED[high][:2], strict=True)]
     logarithmic = [
         tuple(math.exp(x) for x in _blend(_log(a), _log(b), share))
         for a, b in zip(_FITTED[low][2:], _FITTED[high][2:], strict=True)
     ]
-    return [(1.0, TwoModes(*linear, *logarithmic))]
+    return [(1.0, _modes(*linear, *logarithmic))]
+
+
+def _modes(mu, b, gamma, delta) -> TwoModes:
+    first, second = mu[0] ** 2, mu[1] ** 2
+    w = (second - 1 / 3) / (second - first)
+    return TwoModes(mu, b, gamma, delta, (w, 1 - w))
 
 
 def _log(pair: tuple[float, float]) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import torch
 
-from texsss.transport.march.compiled import compiled
+from texsss.numerics.compiled import compiled
 from texsss.transport.march.interior import Interior
 from texsss.transport.march.kernel import look_up, meet
 from texsss.transport.march.samples import sample

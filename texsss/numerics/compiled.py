@@ -1,4 +1,4 @@
-"""The march's kernels under torch.compile, and what happens where there is no compiler."""
+"""Kernels under torch.compile, and what happens where there is no compiler."""
 
 import os
 import shutil
@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, no_type_check
 
 import torch
 from platformdirs import user_cache_dir
@@ -52,6 +52,24 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+@no_type_check
+def constant(function):
+    """`function` of plain values, kept, and a constant to the compiler, which cannot see into it."""
+    kept = cache(function)
+
+    @torch.compiler.assume_constant_result
+    @no_type_check
+    def known(*args):
+        return kept(*args)
+
+    known.__name__, known.__doc__ = function.__name__, function.__doc__
+    return known
+
+
 @cache
 def _notice(why: str) -> None:
-    warnings.warn(f"march: runs uncompiled, ten times slower, because {why}.", RuntimeWarning, stacklevel=3)
+    warnings.warn(
+        f"texsss: march and profiles run uncompiled, ten times slower, because {why}.",
+        RuntimeWarning,
+        stacklevel=3,
+    )
