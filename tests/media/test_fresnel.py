@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from texsss.errors import DomainError
@@ -61,6 +61,7 @@ def test_total_reflection_begins_at_the_critical_angle():
     assert fresnel.reflectance(critical + 1e-4, 1 / 1.4) < 0.95
 
 
+@settings(deadline=None)
 @given(st.floats(0.05, 1.0), st.floats(1.0, 3.0))
 def test_both_directions_reflect_alike(mu, eta):
     """The refracted ray, sent back, loses the same share."""
@@ -68,6 +69,7 @@ def test_both_directions_reflect_alike(mu, eta):
     assert fresnel.reflectance(inner, 1 / eta) == pytest.approx(fresnel.reflectance(mu, eta), abs=1e-9)
 
 
+@settings(deadline=None)
 @given(st.floats(-2.0, 2.0), st.floats(0.2, 5.0))
 def test_share_is_a_share(mu, eta):
     cosine = torch.tensor([mu])

@@ -1,5 +1,7 @@
 """Media from what artists know: a colour and a depth, or the make-up of skin."""
 
+import math
+
 import torch
 
 from texsss.errors import DomainError
@@ -44,8 +46,11 @@ def to_colour(medium: Medium) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."
 
 
 WAVELENGTHS = (630.0, 540.0, 450.0)  # that stand for R, G, B [nm]
-_OXYGENATED = (0.327, 28.5, 33.6)  # absorption of whole blood, 150 g/l of haemoglobin [1/mm]
-_DEOXYGENATED = (2.76, 24.95, 55.3)
+# molar extinction of haemoglobin [1/cm per mol/l], to base 10; and what makes it absorption [1/mm] of
+# whole blood with 150 g/l of it: ln 10 · 150 / 64500 g per mol, per mm
+_OXYGENATED = (610.0, 53236.0, 62816.0)
+_DEOXYGENATED = (5148.8, 46592.0, 103292.0)
+_WHOLE_BLOOD = math.log(10) * 150 / 64500 / 10
 
 
 def skin(
@@ -61,8 +66,9 @@ def skin(
     `melanin`: volume share of melanosomes in the epidermis, .01 pale to .4 dark. `blood`: volume share
     in the dermis, .002 to .05. `epidermis_mm`: its thickness [mm]. Numbers or maps (H, W). `oxygen`:
     saturation 0..1. Differentiable. Raises DomainError: when a share leaves 0..1.
-    Source: Jacques 1998, Skin Optics (melanosomes, bloodless tissue, scattering); Prahl 1999 (haemoglobin
-    at 630, 540, 450 nm).
+    Source: Jacques 1998, Skin Optics: bloodless tissue .244 + 85.3 e^(-(nm - 154) / 66.2), melanosomes
+    6.6e11 nm^-3.33, reduced scattering 2e5 nm^-1.5 (fibres) + 2e12 nm^-4 (Rayleigh), all per cm and taken
+    for the epidermis, too; Prahl 1999 (haemoglobin at 630, 540, 450 nm).
     """
     dtype = next((x.dtype for x in (melanin, blood, epidermis_mm) if isinstance(x, Tensor)), torch.float64)
     device = next(
@@ -79,7 +85,7 @@ def skin(
     bloodless = 0.0244 + 8.53 * torch.exp(-(nm - 154) / 66.2)
     scattering = 2e4 * nm**-1.5 + 2e11 * nm**-4.0
     oxygenated, deoxygenated = (
-        torch.tensor(x, dtype=dtype, device=device) for x in (_OXYGENATED, _DEOXYGENATED)
+        _WHOLE_BLOOD * torch.tensor(x, dtype=dtype, device=device) for x in (_OXYGENATED, _DEOXYGENATED)
     )
     haemoglobin = oxygen * oxygenated + (1 - oxygen) * deoxygenated
     epidermis = torch.lerp(*_alike(bloodless, melanosomes, shares["melanin"]))

@@ -12,11 +12,12 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """`work(item)` of every item, in order, on as many threads as torch uses.
 
     torch lets go of the interpreter while it computes, so that threads overlap; each of them keeps to
-    itself, which spares operations on small tensors from waiting for each other. Without gradients.
+    itself, which spares operations on small tensors from waiting for each other, and what is compiled
+    there from starting threads of its own. Without gradients.
     The first exception ends it.
     """
     threads = torch.get_num_threads()
-    if min(threads, len(items)) < 2:
+    if threads < 2:
         with torch.no_grad():
             return [work(item) for item in items]
 
@@ -24,7 +25,7 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
         with torch.no_grad():  # a mode of the thread
             return work(item)
 
-    pool = ThreadPoolExecutor(threads, initializer=partial(torch.set_num_threads, 1))
+    pool = ThreadPoolExecutor(max(min(threads, len(items)), 1), initializer=partial(torch.set_num_threads, 1))
     try:
         return [future.result() for future in [pool.submit(detached, item) for item in items]]
     finally:

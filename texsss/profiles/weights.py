@@ -143,15 +143,13 @@ def _distinct(
     count = table.batch[0]
     if table.requires_grad:  # a shared row would pass its gradient to one texel only
         return table, torch.arange(count, dtype=torch.int32, device=device)
+    if count > SAMPLE * TABLE and _all_differ(table.rows(slice(None, None, count // SAMPLE)), levels):
+        return table, torch.arange(count, dtype=torch.int32, device=device)
     flat = torch.cat([x.reshape(count, -1) for x in table.fields], 1)
     columns = (flat != flat[:1]).any(0)
     varying = flat[:, columns]
     if varying.shape[1] == 0:
         return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
-    if len(varying) > SAMPLE * TABLE and (levels is None or _independent(varying) > MAPS):
-        few = varying[:: len(varying) // SAMPLE]
-        if len(_unique_rows(few)[0]) == len(few):  # hardly two alike: not worth the search
-            return table, torch.arange(count, dtype=torch.int32, device=device)
     first, row = _unique_rows(varying)
     if levels is not None and len(first) > count / TABLE and _independent(varying) <= MAPS:
         low, high = varying.aminmax(dim=0)
@@ -162,6 +160,15 @@ def _distinct(
     flat[:, columns] = varying[first]
     fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
     return table.of(fields), row.to(torch.int32)
+
+
+def _all_differ(few: LayerTable, levels: int | None) -> bool:
+    """Whether some rows of a table show that hardly any two are alike, nor would be after rounding."""
+    flat = torch.cat([x.reshape(few.batch[0], -1) for x in few.fields], 1)
+    varying = flat[:, (flat != flat[:1]).any(0)]
+    if varying.shape[1] == 0 or (levels is not None and _independent(varying) <= MAPS):
+        return False
+    return len(_unique_rows(varying)[0]) == len(varying)
 
 
 def _independent(varying: Float[Tensor, "P F"]) -> int:

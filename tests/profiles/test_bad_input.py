@@ -1,0 +1,86 @@
+"""What users may get wrong about layered matter: each has an answer, in one sentence, or a defined result."""
+
+import math
+
+import pytest
+import torch
+
+from texsss.errors import DomainError, ShapeError, TexsssError
+from texsss.media.depths import stack_from_depths
+from texsss.media.medium import Medium
+from texsss.media.presets import preset
+from texsss.media.stack import Layer, Stack
+from texsss.profiles.advice import advice
+from texsss.profiles.hankel import MODELS, hankel_profiles
+from texsss.profiles.project import variance_ladder
+from texsss.profiles.weights import weights_for
+
+S = torch.tensor([0.0, 0.5, 4.0], dtype=torch.float64)
+SKIN = preset("skin1")
+
+
+@pytest.mark.parametrize(
+    ("build", "says"),
+    [
+        (lambda: Medium(-0.1, 1.0), "sigma_a.*>= 0"),
+        (lambda: Medium(0.1, torch.tensor([[1.0, -1.0]])), "sigma_s.*>= 0"),
+        (lambda: Medium(math.nan, 1.0), "finite"),
+        (lambda: Medium(0.1, math.inf), "finite"),
+        (lambda: Medium(0.1, 1.0, 1.0), "-1 < g < 1.*sigma_s = 0"),
+        (lambda: Medium(0.1, 1.0, -1.0), "-1 < g < 1"),
+        (lambda: Medium(0.1, 1.0, 0.0, 0.9), "eta >= 1"),
+        (lambda: Layer(SKIN, -0.5), "thickness.*>= 0"),
+        (lambda: Layer(SKIN, torch.tensor([[0.1, math.inf]])), "thickness.*finite"),
+        (lambda: stack_from_depths([torch.rand(2, 2, 4)], [SKIN], (1.0, 0.5)), "range.*invert"),
+        (lambda: variance_ladder(0.0, 100.0), "texel_mm > 0"),
+    ],
+)
+def test_values_that_mean_nothing_are_refused(build, says):
+    with pytest.raises(DomainError, match=says) as raised:
+        build()
+    assert "\n" not in str(raised.value)
+
+
+def test_maps_of_different_sizes_meet_at_texture_coordinates_only():
+    stack = Stack([Layer(Medium(torch.rand(4, 4), 1.0), torch.rand(8, 2)), Layer(SKIN)])
+    ladder = variance_ladder(0.4, 100.0, 4)
+    with pytest.raises(ShapeError, match=r"one size.*texture coordinates"):
+        weights_for(stack, ladder)
+    uv = torch.tensor([[0.2, 0.3], [0.9, 0.1]])
+    assert weights_for(stack, ladder, points_uv=uv, model="layered-diffusion").at().shape == (2, 4, 3)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_answers_at_the_ends_of_its_domain(model):
+    """No absorption, no scattering, nothing at all, hard and soft media, almost all forwards: finite."""
+    for medium in (
+        Medium(0.0, 1.0),
+        Medium(1.0, 0.0),
+        Medium(0.0, 0.0),
+        Medium(1e4, 1e4),
+        Medium(1e-7, 1e-7),
+        Medium(0.1, 1.0, 0.999),
+        Medium(0.1, 1.0, -0.999),
+    ):
+        for stack in (Stack(medium), Stack([Layer(medium, 0.0), Layer(SKIN)]), Stack([Layer(medium, 0.5)])):
+            R, T = hankel_profiles(stack, S.float(), model=model)
+            assert bool(torch.isfinite(R).all() and torch.isfinite(T).all())
+
+
+@pytest.mark.parametrize(
+    ("material", "says"),
+    [
+        (Medium(50.0, 500.0), "less than a quarter of a texel"),
+        (Medium(1e-4, 1e-4), "longer than the object"),
+        (Stack([Layer(SKIN, 500.0), Layer(SKIN)]), "deeper than the object"),
+    ],
+)
+def test_scales_that_do_not_fit_are_said_with_numbers(material, says):
+    sentences = advice(material, texel_mm=0.5, extent_mm=200.0)
+    assert any(says in sentence and any(c.isdigit() for c in sentence) for sentence in sentences)
+
+
+def test_every_error_is_of_the_project():
+    for wrong in ({"model": "magic"}, {"scattering": "some"}, {"incidence": "sideways"}, {"phase": "mie"}):
+        with pytest.raises(TexsssError, match="expected"):
+            hankel_profiles(SKIN, S, **wrong)
