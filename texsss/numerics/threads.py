@@ -12,8 +12,7 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """`work(item)` of every item, in order, on as many threads as torch uses.
 
     torch lets go of the interpreter while it computes, so that threads overlap; each of them keeps to
-    itself, which spares operations on small tensors from waiting for each other, and what is compiled
-    there from starting threads of its own. Without gradients.
+    itself, which spares operations on small tensors from waiting for each other. Without gradients.
     The first exception ends it.
     """
     threads = torch.get_num_threads()

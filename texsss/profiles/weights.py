@@ -124,9 +124,12 @@ def weights_for(
     def fill(part: slice) -> None:
         weights[part] = solve(part)
 
-    first = 1 if compiled else 0  # alone, before threads ask to compile the same
-    for some in (parts[:first], parts[first:]):
-        in_threads(fill, some)
+    if compiled:  # kernels hold the interpreter, and are parallel themselves
+        with torch.no_grad():
+            for part in parts:
+                fill(part)
+    else:
+        in_threads(fill, parts)
     return Weights(variances.to(table.sigma_a), weights, row)
 
 
