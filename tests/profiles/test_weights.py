@@ -90,7 +90,7 @@ def _varied(size: int = 24) -> tuple[Stack, torch.Tensor]:
     thickness = (torch.rand(size, size, generator=generator) * 3).round() / 3 * 2
     medium = mix(preset("skin1"), preset("skin2"), mask)
     y, x = torch.meshgrid(torch.arange(size), torch.arange(size), indexing="ij")
-    uv = (torch.stack([x, y], -1).reshape(-1, 2) + 0.5) / size
+    uv = (torch.stack([x, y], -1).reshape(-1, 2).double() + 0.5) / size
     return Stack([Layer(medium, thickness), Layer(preset("skin1"))]), uv
 
 

@@ -14,6 +14,7 @@ from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, 
 LEVELS = 256  # an 8-bit map keeps its values
 TABLE = 8  # texels per row, from which rows are few enough as they are
 MAPS = 2  # that vary independently, at most, for rounding to make a table of them
+ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
 SAMPLE = 2**14  # rows that are looked at before all are compared
 CHUNK = 4096  # rows solved at once
 WORKSPACE = 2**22  # [numbers] set aside before
@@ -153,7 +154,7 @@ def _distinct(
     varying = flat[:, columns]
     if varying.shape[1] == 0:
         return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
-    first, row = _unique_rows(varying)
+    first, row = _unique_rows(_keys(varying))
     if levels is not None and len(first) > count / TABLE and _independent(varying) <= MAPS:
         low, high = varying.aminmax(dim=0)
         step = (high - low) / (levels - 1)
@@ -171,7 +172,13 @@ def _all_differ(few: LayerTable, levels: int | None) -> bool:
     varying = flat[:, (flat != flat[:1]).any(0)]
     if varying.shape[1] == 0 or (levels is not None and _independent(varying) <= MAPS):
         return False
-    return len(_unique_rows(varying)[0]) == len(varying)
+    return len(_unique_rows(_keys(varying))[0]) == len(varying)
+
+
+def _keys(varying: Float[Tensor, "P F"]) -> Float[Tensor, "P F"]:
+    """Columns in steps of their range: look-ups round what is equal in a map, by some 1e-6 of it."""
+    low, high = varying.aminmax(dim=0)
+    return torch.round((varying - low) * (ALIKE / (high - low)))
 
 
 def _independent(varying: Float[Tensor, "P F"]) -> int:
