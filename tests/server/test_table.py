@@ -100,7 +100,7 @@ def test_what_was_sent_is_not_repeated(client, small, scene):
 
 def test_methods_to_come_are_told(client, small):
     body = problem(
-        client.post("/v1/render", json=small | {"methods": {"diffusion": "octree"}}),
+        client.post("/v1/render", json=small | {"methods": {"diffusion": "parallax"}}),
         422,
         "invalid-parameters",
     )

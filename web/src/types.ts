@@ -77,7 +77,7 @@ export interface Camera {
 
 export interface Methods {
   profile: "dipole" | "better-dipole" | "multipole" | "layered-diffusion" | "layered-sp3";
-  diffusion: "none" | "uv" | "surface";
+  diffusion: "none" | "uv" | "surface" | "octree" | "poisson";
   rule: "exit" | "entry" | "geometric-mean";
   terms: number;
   incidence: "diffuse" | "normal";

@@ -31,6 +31,8 @@ export class MethodPanel {
         pick("diffusion", "Light spreads", [
           ["surface", "over the surface, across seams"],
           ["uv", "in the texture: quicker"],
+          ["octree", "summed over an octree: slow"],
+          ["poisson", "by Poisson discs (2006)"],
           ["none", "not at all"],
         ]),
         pick("profile", "Profile", [

@@ -33,6 +33,7 @@ export interface ViewerEvents extends OrbitEvents {
 
 const MOST_PIXELS_PER_PIXEL = 2;
 const SLOW_MS = 40;
+const GOAL_MS = 28;
 const REST_MS = 160;
 const COARSEST = 0.35;
 
@@ -114,7 +115,9 @@ export class Viewer {
     const loop = (now: number) => {
       if (this.dirty) {
         // frames one after the other that take too long are drawn coarser until things rest
-        if (before && now - before > SLOW_MS && this.sharpness > COARSEST) this.sharpen(Math.max(0.7 * this.sharpness, COARSEST));
+        const took = before ? now - before : 0;
+        if (took > SLOW_MS && this.sharpness > COARSEST)
+          this.sharpen(Math.max(this.sharpness * Math.sqrt(GOAL_MS / took), COARSEST)); // time goes with pixels
         before = moved = now;
         this.draw();
       } else {
