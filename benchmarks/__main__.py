@@ -7,9 +7,11 @@ from pathlib import Path
 
 def main() -> None:
     names = sorted(path.stem for path in Path(__file__).parent.glob("bench_*.py"))
+    chosen = sys.argv[1:] or [name.removeprefix("bench_") for name in names]
     for name in names:
-        if len(sys.argv) == 1 or name.removeprefix("bench_") in sys.argv[1:]:
+        if name.removeprefix("bench_") in chosen:
             print(f"\n== {name}", flush=True)
+            sys.argv = [name]  # what was chosen here is no argument of theirs
             runpy.run_module(f"benchmarks.{name}", run_name="__main__")
 
 

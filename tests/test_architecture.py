@@ -1,6 +1,7 @@
 """The layout holds: who may import whom, how long a file may be, what the public face is."""
 
 import ast
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -124,3 +125,15 @@ def test_shape_hook_is_live():
 
     with pytest.raises(jaxtyping.TypeCheckError):
         bilinear(torch.zeros(4, 4, 3), torch.zeros(5, 3))
+
+
+def test_every_folder_of_code_is_packaged():
+    """Editable installs find folders that a wheel would lack."""
+    stated = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    places = {"texsss": ROOT, "texsss_server": SERVER, "texsss_assets": ROOT.parent / "assets"}
+    folders = {
+        ".".join((name, *path.parent.relative_to(place).parts))
+        for name, place in places.items()
+        for path in place.rglob("__init__.py")
+    }
+    assert folders == set(stated)

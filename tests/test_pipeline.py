@@ -62,17 +62,6 @@ def head(shared_data: Path, size: int, material: str = "skin1", **more) -> Scene
     )
 
 
-def square(folder: Path, edge_mm: float, wide: float = 1.0) -> Path:
-    """A flat square facing +z, front up, its u squeezed to 1/`wide` of the texture."""
-    u = 1 / wide
-    path = folder / "square.obj"
-    path.write_text(
-        f"v 0 0 0\nv {edge_mm} 0 0\nv {edge_mm} {edge_mm} 0\nv 0 {edge_mm} 0\n"
-        f"vt 0 0\nvt {u} 0\nvt {u} 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
-    )
-    return path
-
-
 @pytest.mark.parametrize("material", ["skin1", "marble"])
 @pytest.mark.parametrize("size", [256, 1024])
 def test_energy_that_leaves_a_closed_head_is_the_profile_total(shared_data, material, size):
@@ -141,7 +130,7 @@ def test_edits_redo_what_they_change_and_no_more(small):
     moved_light = Scene.parse({**small, "lights": [LAMP]})
     exposed = Scene.parse({**small, "output": {"exposure_ev": 1.0}})
     assert made(baker.bake(scene)) == set()
-    assert made(baker.bake(other_material)) <= {"weights", "exitance", "light", "bank"}
+    assert made(baker.bake(other_material)) == {"weights", "exitance", "light", "bank"}  # of another index
     assert made(baker.bake(moved_light)) == {"light", "bank", "exitance"}
     assert made(baker.bake(exposed)) == set()
 
@@ -270,8 +259,10 @@ def test_light_passes_through_thin_parts_alone(small):
         without, through = (bake(plain(thin, diffusion=method, transmission=on)) for on in (False, True))
         below = through.texels.points.normal(through.texels.mesh)[:, 1] < -0.9
         gained = float(through.texel_exitance[below, 0].mean() - without.texel_exitance[below, 0].mean())
-        if method == "uv":
-            assert gained > 0.05 * float(through.texel_irradiance.max())
+        # diffusion over the surface and the octree's straight distances reach the dark side, too
+        assert gained > {"uv": 0.05, "surface": 0, "octree": 0}[method] * float(
+            through.texel_irradiance.max()
+        )
         assert float(through.texel_exitance[below, 0].mean()) > 0.1
         energy = through.report["energy"]
         assert all(out < into for out, into in zip(energy["left_w"], energy["entered_w"], strict=True))
@@ -283,12 +274,13 @@ def test_thick_objects_let_nothing_through(small):
     torch.testing.assert_close(with_it.texel_exitance, without.texel_exitance, rtol=0.01, atol=2e-3)
 
 
-def test_albedo_scales_what_passes(small):
-    """Black paint lets nothing out, whichever way light came."""
-    baked = bake(Scene.parse({**small, "methods": {"transmission": True}}))
-    assert bool(torch.isfinite(baked.texel_exitance).all())
-    share = baked.weights.table.sum(1)
-    assert float(share.max()) <= 1.0 + 1e-4
+def test_black_paint_lets_nothing_out(tmp_path, small):
+    """Whichever way light came."""
+    write_png(tmp_path / "black.png", torch.zeros(4, 4, 3))
+    maps = {"albedo": {"source": str(tmp_path / "black.png"), "space": "srgb"}}
+    baked = bake(Scene.parse({**small, "maps": maps, "methods": {"transmission": True}}))
+    assert float(baked.texel_irradiance.max()) > 0.1
+    assert float(baked.texel_exitance.abs().max()) == 0
 
 
 def test_poisson_keeps_the_total(small):

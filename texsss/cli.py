@@ -157,12 +157,15 @@ def profile(
     scene = Scene.load(material) if material.endswith(".json") else Scene.parse({"material": material})
     from texsss.baker import Baker
 
+    if plot is not None:
+        image_name(plot, (".png", ".svg"), "--plot")
     found = Baker().curve(scene)
     if plot is not None:
         from texsss.plot import plot_curve
+        from texsss.result import staging
 
-        writable(plot.parent)
-        plot_curve(found, plot, title=material)
+        with staging(plot.parent) as temporary:
+            plot_curve(found, temporary / plot.name, title=material)
     if as_json:
         print(json.dumps(found, indent=2))
         return
@@ -218,10 +221,11 @@ def shown(value: object) -> str:
     return str(value)
 
 
-def image_name(path: Path) -> None:
+def image_name(path: Path, endings: tuple[str, ...] = (".png", ".exr"), option: str = "--out") -> None:
     """Raises AssetError: when `path` is not that of an image, or can't be written."""
-    if path.suffix.lower() not in {".png", ".exr"}:
-        raise AssetError(f"Output: expected a name that ends in .png or .exr, got {path}; change --out.")
+    if path.suffix.lower() not in endings:
+        known = " or ".join(endings)
+        raise AssetError(f"Output: expected a name that ends in {known}, got {path}; change {option}.")
     writable(path.parent)
 
 

@@ -30,8 +30,11 @@ def estimate(scene: Scene) -> dict[str, str]:
     """
     run = Run(StageCache(0), scene)
     (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps  # bad names and files are told now
+    _ = run.lights
     size, terms = scene.atlas.texels, scene.methods.terms
-    unwraps = scene.atlas.uv == "xatlas" or not serves(mesh, size)
+    unwraps = scene.atlas.uv == "xatlas" or (scene.atlas.uv == "auto" and not serves(mesh, size))
+    if scene.atlas.uv == "source":
+        _ = run.source_uv
     share = PACKED_SHARE if unwraps else source_share(mesh)
     texels = round(share * size * size)
     memory = FIXED_BYTES + texels * (POINT_BYTES + terms * GAUSSIAN_BYTES) + size * size * GRID_BYTES

@@ -70,6 +70,7 @@ def described(
     for field, value in (("unit_mm", unit_mm), ("up", up), ("v", v)):
         put(value, "mesh", field)
     put(size, "atlas", "size")
+    put(size, "atlas", "raster")
     put(uv, "atlas", "uv")
     put(diffusion, "methods", "diffusion")
     put(exposure, "output", "exposure_ev")

@@ -19,9 +19,8 @@ from texsss.io.exr import write_exr
 from texsss.io.gltf import write_glb
 from texsss.io.images import encode_png, write_png
 from texsss.profiles.weights import Weights
-from texsss.surface.dilate import dilate, nearest_filled
 from texsss.surface.points import TexelMaps
-from texsss.types import Bool, Float, Int, Progress, Tensor
+from texsss.types import Bool, Float, Progress, Tensor
 
 FILES = ("irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json")
 
@@ -79,17 +78,12 @@ class Baked:
 
     def image(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "H W C"]:
         """Values at the texels as an image dilated to the full square."""
-        filled, nearest = self._filled
-        return dilate(self.texels.to_image(values), filled, nearest)
-
-    @cached_property
-    def _filled(self) -> tuple[Bool[Tensor, "H W"], Int[Tensor, "H W"]]:
-        """Which texels hold values, gutter included, and the nearest of them to each texel."""
-        height, width = self.texels.size
-        filled = torch.zeros(height * width, dtype=torch.bool, device=self.texels.index.device)
-        filled[self.texels.index] = True
-        filled = filled.reshape(height, width)
-        return filled, nearest_filled(filled)
+        laid = self.texels.to_image(values)
+        return (
+            laid.reshape(-1, laid.shape[-1])
+            .index_select(0, self.texels.nearest.reshape(-1))
+            .reshape(laid.shape)
+        )
 
     def save_picture(self, path: str | Path) -> None:
         """Writes the picture alone: PNG display-encoded, EXR linear.

@@ -6,6 +6,7 @@ from functools import cached_property
 import torch
 
 from texsss.errors import ShapeError
+from texsss.surface.dilate import nearest_filled
 from texsss.surface.mesh import Mesh
 from texsss.types import Bool, Float, Int, Tensor, unit
 
@@ -126,6 +127,14 @@ class TexelMaps:
         per_uv = torch.linalg.vector_norm(cross, dim=-1)
         height, width = self.size
         return per_uv[self.points.face.long()] / (height * width) * self.covered
+
+    @cached_property
+    def nearest(self) -> Int[Tensor, "H W"]:
+        """Row-major index of the texel, covered or gutter, nearest to each place of the square."""
+        height, width = self.size
+        filled = torch.zeros(height * width, dtype=torch.bool, device=self.index.device)
+        filled[self.index] = True
+        return nearest_filled(filled.reshape(height, width))
 
     @cached_property
     def texel_mm(self) -> float:

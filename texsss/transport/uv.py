@@ -1,4 +1,4 @@
-"""Gaussian diffusion along the two axes of texture space, as wide as the metric says, within charts.
+"""Gaussian diffusion along the two axes of texture space, as wide as the metric says.
 
 The wider Gaussian is made from the narrower one (variances add), one axis at a time and, once it is
 smooth enough, on a grid of half the resolution. Every pass is a symmetric kernel between texels,
