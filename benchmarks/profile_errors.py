@@ -146,12 +146,12 @@ def errors(
         wrong = (profile(S, "multiple", "normal")[0] - truth) / normal.totals["R"].mean
         out["multiple"] = float(wrong[np.argmax(np.abs(wrong))])
     except TexsssError:
-        pass  # knows only the total
+        pass  # the model knows only the total
     try:
         out["radial"] = radial_error(profile(S, "total", "normal")[0], normal.hankel["R"])
         out["far"] = ring_error(profile, normal.rings["R"])
     except TexsssError:
-        pass
+        pass  # the model has no profile over r
     return out
 
 
