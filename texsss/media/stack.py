@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 
 from texsss.errors import DomainError, ShapeError
@@ -174,7 +175,7 @@ class Stack:
         fields = [[m.sigma_a for m in media], [m.sigma_s for m in media], [m.g for m in media], depths]
         sampled = [[sample(x) for x in field] for field in fields]
         every = [x for field in sampled for x in field]
-        shape = torch.broadcast_shapes(*(x.shape for x in every))
+        shape = np.broadcast_shapes(*(x.shape for x in every))  # torch's imports sympy: a second
         dtype = every[0].dtype
         for x in every:
             dtype = torch.promote_types(dtype, x.dtype)

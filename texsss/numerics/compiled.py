@@ -15,6 +15,9 @@ from platformdirs import user_cache_dir
 # gathers fuse with what uses them; texel indices are in range by construction
 OPTIONS = {"max_fusion_size": 512, "cpp.min_chunk_size": 4096, "assert_indirect_indexing": False}
 
+_constants: list[Callable[..., Any]] = []
+"""Not told to the compiler yet: telling it imports all of it, which takes four seconds."""
+
 
 @cache
 def compiler_found() -> bool:
@@ -38,6 +41,8 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     from torch._inductor.exc import InductorError
 
     os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
+    while _constants:
+        torch.compiler.assume_constant_result(_constants.pop())
     fast = torch.compile(kernel, dynamic=False, fullgraph=True, options=OPTIONS)
     state = {"call": fast}
 
@@ -57,12 +62,12 @@ def constant(function):
     """`function` of plain values, kept, and a constant to the compiler, which cannot see into it."""
     kept = cache(function)
 
-    @torch.compiler.assume_constant_result
     @no_type_check
     def known(*args):
         return kept(*args)
 
     known.__name__, known.__doc__ = function.__name__, function.__doc__
+    _constants.append(known)
     return known
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 
 from texsss.errors import ShapeError
 from texsss.types import Bool, Float, Int, Tensor
@@ -32,6 +31,8 @@ def nearest_filled(filled: Bool[Tensor, "H W"]) -> Int[Tensor, "H W"]:
 
     Source: exact Euclidean distance transform (Maurer et al. 2003).
     """
+    from scipy.ndimage import distance_transform_edt  # slow to import, and few stages fill
+
     known = filled.cpu().numpy()
     height, width = known.shape
     if known.all() or not known.any():

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 
 from texsss.surface._scanline import Spans, disjoint, doubled_area, filled, spans
 from texsss.surface.atlas import MARGIN, AtlasReport, examine_uv
+from texsss.surface.dilate import nearest_filled
 from texsss.surface.mesh import Mesh
 from texsss.surface.metric import Spread, anisotropies, texel_sizes
 from texsss.surface.raster import snapped
@@ -116,11 +116,12 @@ def _padding(winners: Spans, chart: Tensor, size: tuple[int, int]) -> float | No
     Where neighbouring texels are nearest to different charts, the two texels that they are nearest to
     face each other across the gap.
     """
-    image = _image_of(winners, chart, size, -1).cpu().numpy()
-    if len(np.unique(image[image >= 0])) < 2:
+    image = _image_of(winners, chart, size, -1).cpu()
+    if len(image[image >= 0].unique()) < 2:
         return None
-    row, column = distance_transform_edt(image < 0, return_distances=False, return_indices=True)
-    label = image[row, column]
+    nearest = nearest_filled(image >= 0).numpy()
+    row, column = np.divmod(nearest, size[1])
+    label = image.numpy().reshape(-1)[nearest]
     least = np.inf
     for ahead, behind in ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1])):
         border = label[ahead] != label[behind]

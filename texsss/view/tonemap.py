@@ -3,7 +3,6 @@
 from typing import Literal, get_args
 
 import torch
-from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
 
 from texsss.errors import DomainError
 from texsss.types import Float, Tensor
@@ -53,11 +52,15 @@ def tonemap(
 
 def encode(image: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W 3"]:
     """Linear Rec.709, clipped to 0..1, as sRGB values."""
+    from kornia.color import linear_rgb_to_rgb  # all of kornia comes with it: half a second
+
     return linear_rgb_to_rgb(image.clamp(0, 1).permute(2, 0, 1)).permute(1, 2, 0)
 
 
 def decode(image: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W 3"]:
     """sRGB values in 0..1 as linear Rec.709."""
+    from kornia.color import rgb_to_linear_rgb
+
     return rgb_to_linear_rgb(image.clamp(0, 1).permute(2, 0, 1)).permute(1, 2, 0)
 
 
