@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from texsss.cache import Kept, StageCache, content_key
+from texsss.light.visibility import Occluder
 from texsss.specs import AtlasSpec
+from texsss.surface.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -99,3 +101,10 @@ def test_gradients_are_never_kept():
     cache = StageCache(1 << 20)
     cache.get_or_make("k", lambda: torch.ones(3, requires_grad=True))
     assert cache.bytes_used == 0
+
+
+def test_memory_beside_tensors_counts():
+    mesh = Mesh(torch.eye(3), torch.tensor([[0, 1, 2]], dtype=torch.int32))
+    cache = StageCache(1000)
+    occluder, _ = cache.get_or_make("occluder", lambda: Occluder(mesh))
+    assert cache.bytes_used == occluder.held_bytes > 0

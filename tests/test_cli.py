@@ -1,6 +1,9 @@
 """The command line as a stranger meets it: files out, one sentence and exit code 2 for mistakes."""
 
+import errno
+import itertools
 import json
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -110,6 +113,9 @@ BAD = {
     "zero extent": ("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", [], "mesh.obj"),
     "size 0": (TRIANGLE, ["--size", "0"], "atlas.size"),
     "size 1000000": (TRIANGLE, ["--size", "1000000"], "atlas.size"),
+    "size not a number": (TRIANGLE, ["--size", "abc"], "--size"),
+    "unknown option": (TRIANGLE, ["--sise", "64"], "--sise"),
+    "unit nan": (TRIANGLE, ["--unit-mm", "nan"], "mesh.unit_mm"),
     "unit 0": (TRIANGLE, ["--unit-mm", "0"], "mesh.unit_mm"),
     "unknown preset": (TRIANGLE, ["--material", "skim"], "marble"),
     "unknown tonemap": (TRIANGLE, ["--tonemap", "x"], "agx"),
@@ -128,11 +134,74 @@ def test_bad_input_is_one_sentence(texsss, name, tmp_path):
         (tmp_path / "mesh.obj").write_text(text)
     before = set(tmp_path.iterdir())
     done = texsss("bake", "mesh.obj", *options)
+    told(done, says)
+    assert set(tmp_path.iterdir()) == before, "partial files were left"
+
+
+SCENES = {
+    "not json": ("{", "line 1"),
+    "not an object": ("[]", "scene.json"),
+    "unknown field": ('{"atlas": {"sice": 64}}', "atlas.sice"),
+    "wrong type": ('{"camera": {"resolution": "big"}}', "camera.resolution"),
+    "infinite number": ('{"output": {"exposure_ev": 1e999}}', "output.exposure_ev"),
+    "another version": ('{"version": 99}', "version"),
+    "missing mesh": ('{"mesh": {"source": {"path": "none.obj"}}}', "none.obj"),
+    "missing map": (
+        '{"maps": {"a": {"source": {"path": "none.png"}}}, "material": {"surface": {"albedo": "a"}}}',
+        "none.png",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [*itertools.product(("bake", "render"), SCENES)]
+    + [(command, "unknown field") for command in ("inspect", "compare", "map")],
+)
+def test_bad_scene_is_one_sentence(texsss, command, name, tmp_path):
+    text, says = SCENES[name]
+    (tmp_path / "scene.json").write_text(text)
+    told(texsss(command, "scene.json"), says)
+    assert set(tmp_path.iterdir()) == {tmp_path / "scene.json"}, "partial files were left"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["profile", "skim"], "marble"),
+        (["profile", "none.json"], "none.json"),
+        (["profile", "skin1", "--plot", "plot.txt"], "--plot"),
+        (["render", "--out", "image.jpg"], "--out"),
+        (["map", "--name", "sheen"], "irradiance"),
+        (["inspect", "--picture", "charts.txt"], "--picture"),
+        (["compare", "--method", "magic"], "surface"),
+        (["bake", "--light", "lamp:1"], "--light"),
+        (["profil"], "profile"),
+    ],
+)
+def test_bad_options_are_one_sentence(texsss, arguments, says, tmp_path):
+    told(texsss(*arguments), says)
+    assert not list(tmp_path.iterdir())
+
+
+def test_full_disk_leaves_nothing(texsss, cube, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("texsss.result.write_glb", full)
+    done = texsss("bake", cube, "--size", 32, "--unit-mm", 1, "--out", tmp_path / "deep" / "out")
+    assert done.returncode == 2
+    assert "No space left" in done.stderr.splitlines()[-1], "notes on the mesh came before"
+    assert "Traceback" not in done.stderr
+    assert set(tmp_path.iterdir()) == {cube}
+
+
+def told(done: Done, says: str) -> None:
+    """Asserts that a command stopped with one sentence that holds `says`."""
     assert done.returncode == 2, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert set(tmp_path.iterdir()) == before, "partial files were left"
 
 
 def test_lights_and_maps_in_short(texsss, cube, tmp_path):

@@ -57,8 +57,9 @@ def _feed(digest: Any, part: Any) -> None:
 
 
 class StageCache:
-    """A least-recently-used store of results, at most `max_bytes` of tensors in all.
+    """A least-recently-used store of results, at most `max_bytes` in all.
 
+    Their tensors count, and what they say they hold beside them, by an attribute `held_bytes`.
     Results that hold a tensor which requires grad are never kept: they belong to one graph.
     """
 
@@ -69,7 +70,7 @@ class StageCache:
 
     @property
     def bytes_used(self) -> int:
-        """Bytes of the tensors kept now."""
+        """Bytes kept now."""
         return sum(size for _, size in self._kept.values())
 
     def get_or_make(self, key: str, make: Callable[[], Any]) -> tuple[Any, bool]:
@@ -81,11 +82,8 @@ class StageCache:
         value = make()
         tensors = list(_tensors(value))
         if not any(tensor.requires_grad for tensor in tensors):
-            self._keep(
-                key,
-                value,
-                sum({t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors}.values()),
-            )
+            storages = {t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors}
+            self._keep(key, value, sum(storages.values()) + getattr(value, "held_bytes", 0))
         return value, True
 
     def _keep(self, key: str, value: Any, size: int) -> None:

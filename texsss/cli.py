@@ -20,12 +20,11 @@ from texsss.scene import Scene
 
 app = typer.Typer(
     help="Layered subsurface scattering in the texture space of a mesh.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-scene_app = typer.Typer(help="Scene files.", no_args_is_help=True)
+scene_app = typer.Typer(help="Scene files.")
 app.add_typer(scene_app, name="scene")
 console = Console(stderr=True)
 
@@ -83,6 +82,8 @@ def inspect(
     ] = None,
 ) -> None:
     """Examines a mesh before baking: texture coordinates, topology, scale; says what to do."""
+    if picture is not None:
+        image_name(picture, (".png",), "--picture")
     from texsss.baker import Baker
 
     with shown_progress() as progress:
@@ -272,10 +273,18 @@ def shown_progress():
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line and exits; a user's mistake is one sentence and exit code 2."""
     try:
-        app(args=arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        code = app(args=given or ["--help"], standalone_mode=False)
     except TexsssError as error:
         say("error", "red", str(error))
         sys.exit(EXIT_BAD_INPUT)
+    except typer.TyperException as error:  # an option or a command that is not understood
+        said = " ".join(error.format_message().split()).rstrip(".?")
+        say("error", "red", f"{said}; --help after the command lists what it takes.")
+        sys.exit(EXIT_BAD_INPUT)
+    except typer.Abort:
+        sys.exit(EXIT_INTERRUPTED)
+    sys.exit(code or 0)
 
 
 if __name__ == "__main__":

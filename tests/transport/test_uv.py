@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from kornia.filters import gaussian_blur2d
 from squares import ball, gaussian, lit, square
 
 from texsss.errors import Cancelled, DomainError
@@ -30,6 +31,20 @@ def test_a_lit_texel_spreads_to_the_gaussians_in_mm(stretch: float):
     assert (spread_out - expected).abs().max() < 0.01 * expected.max()
     # measured .17 % and .23 %
     assert (spread_out - expected).norm() < 0.01 * expected.norm()
+
+
+@pytest.mark.parametrize("std", [1.0, 3.7, 13.9, 26.8])
+def test_a_uniform_metric_gives_what_a_separable_blur_gives(std: float):
+    """As `kornia.filters.gaussian_blur2d` of the same noise and stripes, to 1e-3 of full scale."""
+    size = 384
+    texels = square(size, float(size))  # texels of 1 mm
+    image = torch.rand(size, size, 3, generator=torch.Generator().manual_seed(0))
+    image[..., 1] = (torch.arange(size) // 37 % 2).float()
+    ours = texels.to_image(diffuse_uv(texels.from_image(image), texels, torch.tensor([std**2]))[0])
+    reach = 2 * round(4 * std) + 1
+    theirs = gaussian_blur2d(image.permute(2, 0, 1)[None], (reach, reach), (std, std))[0].permute(1, 2, 0)
+    inside = slice(round(4 * std), size - round(4 * std))  # nearer the edge the two mean other things
+    assert float((ours - theirs)[inside, inside].abs().max()) < 1e-3
 
 
 def test_a_zero_variance_is_the_identity_bit_for_bit():

@@ -4,12 +4,20 @@ Read here rather than by trimesh, which regroups faces by material, drops textur
 without a word when some faces lack them, and takes relative indices as counted from the end of the file.
 """
 
+import re
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from itertools import chain
+
 import numpy as np
 
 from texsss.io._polygons import triangulate
 from texsss.io._raw import Fault, RawMesh, check_counts, check_indices
 
-Corner = tuple[int, int]  # vertex and texture coordinate, from 0; −1 where there is none
+ABSENT = 1 << 40  # stands for a corner's texture coordinate where none is stated
+LARGEST = 1 << 31  # no mesh has more of anything
+NO_DIGITS = str.maketrans("", "", "0123456789")
+STATEMENT = re.compile(r"^[ \t]*(vt?|f)(?:[ \t]+(.*))?$", re.MULTILINE)
 
 
 def read_obj(data: bytes) -> RawMesh:
@@ -18,97 +26,133 @@ def read_obj(data: bytes) -> RawMesh:
     v of texture coordinates runs up in OBJ and is turned. Raises Fault: when lines cannot be understood,
     indices lead nowhere, or only some of the faces have texture coordinates.
     """
-    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    vertices, coordinates, polygons = _parse(text)
-    if not polygons:
-        what = f"{len(vertices)} vertices but no faces" if vertices else "no vertices and no faces"
+    text = data.decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    text = text.replace("\\\n", " ")
+    found = STATEMENT.findall(text)
+    vertices, coordinates, faces = (_Statements(text, key, found) for key in ("v", "vt", "f"))
+    points = vertices.table(least=3, most=3)
+    places = coordinates.table(least=1, most=2)
+    if not faces.rest:
+        what = f"{len(points)} vertices but no faces" if len(points) else "no vertices and no faces"
         raise Fault(f"expected triangles, found {what}", "give a mesh with a surface")
-    points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
-    check_counts(len(points), sum(len(p) - 2 for p in polygons))
-    corners = _triangles(points, polygons)
-    faces, places = corners[..., 0], corners[..., 1]
-    return RawMesh(points, faces, _uv(places, coordinates))
+    corners, sizes = _corners(faces, found)
+    check_counts(len(points), int((sizes - 2).sum()))
+    triangles = _triangles(points, corners, sizes)
+    return RawMesh(points, triangles[..., 0], _uv(triangles[..., 1], places))
 
 
-def _parse(text: str) -> tuple[list, list, list[list[Corner]]]:
-    vertices: list[tuple[float, ...]] = []
-    coordinates: list[tuple[float, ...]] = []
-    polygons: list[list[Corner]] = []
-    known: dict[str, Corner] = {}  # corners come back in every face around them
-    for number, line in enumerate(text.splitlines(), 1):
-        key, _, rest = line.lstrip().partition(" ") if "\t" not in line else _partition_tabs(line)
+class _Statements:
+    """All statements of one kind: `rest`, what follows the keyword."""
+
+    def __init__(self, text: str, key: str, found: list[tuple[str, str]]):
+        self.text, self.key = text, key
+        self.rest = [rest for kind, rest in found if kind == key]
+
+    def table(self, *, least: int, most: int) -> np.ndarray:
+        """The first `most` numbers of every statement, 0 where fewer than that but `least` are given."""
+        if self.rest and all(map(str.strip, self.rest)):
+            with suppress(ValueError):  # a short one, or no number: word by word
+                return np.loadtxt(self.rest, usecols=range(most), ndmin=2, comments=None)
+        words = [rest.split(None, most)[:most] for rest in self.rest]
+        for number, row in enumerate(words):
+            if len(row) < least:
+                raise self.fault(number, f"expected {least} numbers, got {len(row)}")
+            row += ["0"] * (most - len(row))
+        values = self.all_read(float, words, chain.from_iterable(words))
+        return np.array(values, dtype=np.float64).reshape(-1, most)
+
+    def all_read(self, read: Callable[[str], object], words: list[list[str]], given: Iterable[str]) -> list:
+        """`read` of all `given` words; where one is not understood, the fault of the line it is on."""
         try:
-            if key == "v":
-                vertices.append(_floats(rest, 3))
-            elif key == "vt":
-                coordinates.append((*_floats(rest, 1), 0.0)[:2])
-            elif key == "f":
-                polygons.append(_corners(rest, len(vertices), len(coordinates), known))
-        except ValueError as error:
-            raise Fault(f"line {number} is not understood ({line[:40].strip()!r}: {error})") from None
-    return vertices, coordinates, polygons
+            return list(map(read, given))
+        except ValueError:
+            for number, row in enumerate(words):
+                try:
+                    list(map(read, row))
+                except ValueError as error:
+                    raise self.fault(number, str(error)) from None
+            raise
+
+    def fault(self, number: int, what: str) -> Fault:
+        """What is wrong with one of the statements, and on which line it stands."""
+        matches = (match for match in STATEMENT.finditer(self.text) if match[1] == self.key)
+        match = next(match for k, match in enumerate(matches) if k == number)
+        line = self.text.count("\n", 0, match.start()) + 1
+        return Fault(f"line {line} is not understood ({match[0][:40].strip()!r}: {what})")
 
 
-def _partition_tabs(line: str) -> tuple[str, str, str]:
-    return line.replace("\t", " ").lstrip().partition(" ")
+def _corners(faces: _Statements, found: list[tuple[str, str]]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertex and texture coordinate (N, 2), from 0, of corners, −1 for none; how many each face has."""
+    words = [rest.split("#", 1)[0].split() for rest in faces.rest]
+    sizes = np.fromiter(map(len, words), dtype=np.int64, count=len(words))
+    if sizes.min() < 3:
+        face = int(sizes.argmin())
+        raise faces.fault(face, f"expected 3 corners or more, got {sizes[face]}")
+    flat = list(chain.from_iterable(words))
+    stated = _alike(flat)
+    if stated is None:
+        stated = np.array(faces.all_read(_corner, words, flat), dtype=np.int64)
+    index = stated - 1
+    if (stated < 0).any():  # counted back from the latest of its kind
+        kinds = np.array([kind for kind, _ in found])
+        seen = np.stack([np.cumsum(kinds == "v"), np.cumsum(kinds == "vt")], -1)[kinds == "f"]
+        index = np.where(stated < 0, seen.repeat(sizes, axis=0) + stated, index)
+        if (index < 0).any():
+            row, column = (int(k) for k in np.argwhere(index < 0)[0])
+            known = index[row, column] - stated[row, column]
+            face = int(np.searchsorted(np.cumsum(sizes), row, side="right"))
+            raise faces.fault(face, f"goes {-index[row, column]} before the first of {known}")
+    index[stated == ABSENT] = -1
+    return index, sizes
 
 
-def _floats(rest: str, least: int) -> tuple[float, ...]:
-    words = rest.split(None, 3)[:3]
-    if len(words) < least:
-        raise ValueError(f"expected {least} numbers, got {len(words)}")
-    if least == 3:
-        return float(words[0]), float(words[1]), float(words[2])
-    return tuple(float(word) for word in words[:2])
+def _alike(words: list[str]) -> np.ndarray | None:
+    """Vertex and texture coordinate of corners as stated, if all are written alike and count from 1."""
+    text = " ".join(words)
+    marks = set(text.translate(NO_DIGITS).split(" "))
+    if marks not in ({""}, {"/"}, {"//"}):
+        return None
+    if marks == {"//"} and text.count("//") not in (0, len(words)):
+        return None
+    values = np.fromstring(text.replace("/", " "), dtype=np.int64, sep=" ")
+    given = len(values) // len(words)
+    # no word holds more numbers than its marks allow, so that this many mean as many in each
+    allowed = 2 if "//" in text else 1 + len(next(iter(marks)))
+    if len(values) != allowed * len(words) or not (values.min() > 0 and values.max() <= LARGEST):
+        return None
+    stated = values.reshape(-1, given)[:, :2]
+    if given == 1 or "//" in text:
+        return np.stack([stated[:, 0], np.full(len(stated), ABSENT)], -1)
+    return stated
 
 
-def _corners(rest: str, vertices: int, coordinates: int, known: dict[str, Corner]) -> list[Corner]:
-    """The corners of a face; those that do not count back from the latest vertex go into `known`."""
-    words = rest.split("#", 1)[0].split()
-    if len(words) < 3:
-        raise ValueError(f"expected 3 corners or more, got {len(words)}")
-    corners = []
-    for word in words:
-        corner = known.get(word)
-        if corner is None:
-            parts = word.split("/")
-            vertex = _from_zero(int(parts[0]), vertices)
-            place = _from_zero(int(parts[1]), coordinates) if len(parts) > 1 and parts[1] else -1
-            corner = vertex, place
-            if "-" not in word:
-                known[word] = corner
-        corners.append(corner)
-    return corners
-
-
-def _from_zero(index: int, seen: int) -> int:
-    """An index counted from 1, or back from the latest, as one from 0."""
-    if index == 0:
+def _corner(word: str) -> tuple[int, int]:
+    """Vertex and texture coordinate of a corner as stated."""
+    vertex, _, others = word.partition("/")
+    place = others.partition("/")[0]
+    corner = int(vertex), int(place) if place else ABSENT
+    if 0 in corner:
         raise ValueError("indices start at 1")
-    if index < 0:
-        index += seen + 1
-        if index <= 0:
-            raise ValueError(f"goes {1 - index} before the first of {seen}")
-    if index > 2**31:
+    if any(abs(index) > LARGEST and index != ABSENT for index in corner):
         raise ValueError("an index beyond any mesh")
-    return index - 1
+    return corner
 
 
-def _triangles(points: np.ndarray, polygons: list[list[Corner]]) -> np.ndarray:
+def _triangles(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Corners (F, 3, 2) of all triangles in file order."""
-    sizes = np.fromiter((len(p) for p in polygons), dtype=np.int64, count=len(polygons))
+    start = np.cumsum(sizes) - sizes
     first = np.cumsum(sizes - 2) - (sizes - 2)
     result = np.empty((int((sizes - 2).sum()), 3, 2), dtype=np.int64)
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
-        corners = np.array([polygons[row] for row in rows], dtype=np.int64)  # (N, n, 2)
-        check_indices(corners[..., 0], len(points))
-        cut = triangulate(points[corners[..., 0]])  # (N, n − 2, 3)
-        result[first[rows, None] + np.arange(size - 2)] = corners[np.arange(len(rows))[:, None, None], cut]
+        polygons = corners[start[rows, None] + np.arange(size)]  # (N, n, 2)
+        check_indices(polygons[..., 0], len(points))
+        cut = triangulate(points[polygons[..., 0]])  # (N, n − 2, 3)
+        result[first[rows, None] + np.arange(size - 2)] = polygons[np.arange(len(rows))[:, None, None], cut]
     return result
 
 
-def _uv(places: np.ndarray, coordinates: list) -> np.ndarray | None:
+def _uv(places: np.ndarray, coordinates: np.ndarray) -> np.ndarray | None:
     lacking = (places < 0).any(-1)
     if lacking.all():
         return None
@@ -122,6 +166,6 @@ def _uv(places: np.ndarray, coordinates: list) -> np.ndarray | None:
             f"a face refers to texture coordinate {int(places.max()) + 1} of {len(coordinates)}",
             "the file is damaged, export it again",
         )
-    uv = np.array(coordinates, dtype=np.float64)[places]
+    uv = coordinates[places]
     uv[..., 1] = 1 - uv[..., 1]
     return uv

@@ -156,8 +156,6 @@ def _finished(
     faces, uv, vertices, dropped = _merged(points, faces, raw.uv)
     if dropped:
         notes.append(f"{dropped:,} of {len(raw.faces):,} triangles have no area and were dropped")
-    if uv is None:
-        notes.append("it has no texture coordinates")
     size = np.ptp(vertices, axis=0)
     if assumed:
         notes.insert(

@@ -9,6 +9,7 @@ from texsss.surface.mesh import Mesh
 from texsss.types import Bool, Float, Int, Tensor
 
 OFFSET = 2e-5  # how far rays start off the surface, as a share of half the mesh's extent
+FACE_BYTES = 130  # that Embree's hierarchy takes per face, as measured
 _FLOAT32_STEP = 2.0**-23
 
 
@@ -30,8 +31,14 @@ class Occluder:
         # positions that come in float32 from afar are coarser than the offset itself
         coarse = float(used.abs().amax()) * self._scale * _FLOAT32_STEP
         self._offset = max(OFFSET, 8 * coarse)
+        self._faces = len(mesh.faces)
         self._scene = EmbreeScene(robust=True)
         self._geometry = TriangleMesh(self._scene, unit.numpy(), mesh.faces.cpu().to(torch.int32).numpy())
+
+    @property
+    def held_bytes(self) -> int:
+        """About how much memory it takes beside tensors."""
+        return FACE_BYTES * self._faces
 
     @property
     def offset_mm(self) -> float:

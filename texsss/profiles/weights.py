@@ -40,12 +40,6 @@ class Weights:
         """Share of the light that comes back at every texel."""
         return self.table.sum(1)[self.row.long()]
 
-    def normalised(self) -> "Weights":
-        """The same shapes with total 1 per channel, for materials whose colour comes from an albedo map."""
-        total = self.table.sum(1, keepdim=True)
-        some = total > 0
-        return replace(self, table=torch.where(some, self.table / torch.where(some, total, 1.0), 0.0))
-
     def scaled(self, share: Float[Tensor, "V _"], row: Int[Tensor, " P"]) -> "Weights":
         """The same shapes times `share[row]` at every texel."""
         if share.shape[0] == 1:

@@ -167,6 +167,8 @@ def _weighted(
     values: Float[Tensor, "K P C"], table: Float[Tensor, "U K C"], row: Int[Tensor, " P"]
 ) -> Float[Tensor, "P C"]:
     """Σ_k table[row, k] × values[k], in chunks that stay in cache."""
+    if table.shape[0] == 1 and values.stride(2) == 0:  # one material under white light: a product of matrices
+        return values[..., 0].T @ table[0]
     parts = []
     shared = table.transpose(0, 1).expand(-1, CHUNK, -1).contiguous() if table.shape[0] == 1 else None
     for part in chunks(values.shape[1], CHUNK):
