@@ -3,6 +3,7 @@
 import torch
 from texsss_server.answers import Answer
 from texsss_server.assets import Store
+from texsss_server.drafts import drafted
 from texsss_server.encode import BAKES, LINEAR, PICTURES, archive, encoded, glb, ranged
 from texsss_server.settings import MB, Settings
 from texsss_server.worker import Turn
@@ -12,8 +13,6 @@ from texsss.curve import presets
 from texsss.scene import Scene
 from texsss.specs import OutputSpec
 
-TINY = {"atlas": {"size": 64}, "camera": {"resolution": [32, 24], "samples": 1}}
-PAGE_DRAFT = 256  # edge of the lightmap that the page asks for while a slider moves [texels]
 DATA = ("coverage", "position", "normal", "texel-mm", "weight", "thickness")
 
 
@@ -24,7 +23,6 @@ class Engine:
         torch.set_num_threads(settings.threads)
         self.settings = settings
         self.baker = Baker(int(settings.cache_mb * MB), assets=store.path)
-        self._warm_up()
 
     @property
     def cache_bytes(self) -> int:
@@ -80,15 +78,9 @@ class Engine:
         return presets()
 
     def prepare(self, scene: Scene, turn: Turn) -> None:
-        """Fills the cache with what pictures and drafts of the scene need, drafts first."""
+        """Loads what work needs, and fills the cache for pictures and drafts of the scene; drafts first."""
         hooks = {"progress": turn.progress, "cancel": turn.stopped}
-        raster = min(scene.atlas.texels, PAGE_DRAFT)
-        draft = scene.model_copy(update={"atlas": scene.atlas.model_copy(update={"raster": raster})})
-        self.baker.intermediate(draft, "diffused", **hooks)
-        self.baker.render(scene, **hooks)
-
-    def _warm_up(self) -> None:
-        """One small picture, so that the first request finds libraries loaded."""
-        if self.settings.warm:
-            scene = Scene.parse(TINY)
-            encoded(self.baker.display(scene, self.baker.render(scene)), "image/jpeg")
+        draft = drafted(scene, self.settings)
+        self.baker.intermediate(draft, "diffused", **hooks)  # what the page asks for
+        for wanted in (draft, scene):
+            encoded(self.baker.display(wanted, self.baker.render(wanted, **hooks)), "image/jpeg")

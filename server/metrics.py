@@ -27,6 +27,7 @@ class Metrics:
         self.hits = Counter("texsss_answers_kept", "Answers given from memory.", registry=registry)
         held = {
             "texsss_waiting": ("Requests that wait for the render thread.", lambda: service.worker.waiting),
+            "texsss_running": ("Calls under way in the render thread.", lambda: service.worker.running),
             "texsss_cache_bytes": (
                 "Results of stages kept.",
                 lambda: service.worker.engine.cache_bytes if service.worker.engine else 0,

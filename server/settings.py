@@ -67,7 +67,7 @@ class Settings(BaseSettings):
     max_picture_pixels: Count = 4_000_000
     max_rays: Count = 40_000_000
     """Pixels × samples of a picture."""
-    draft_atlas: Count = 512
+    draft_atlas: Count = 256
     draft_pixels: Count = 320 * 240
 
     def __init__(self, **given: object):

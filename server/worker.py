@@ -127,9 +127,14 @@ class Worker:
         return sum(len(queue) for queue in self._queues)
 
     @property
+    def running(self) -> int:
+        """Calls that have started: one, and those that it gave way to."""
+        return len(self._running)
+
+    @property
     def busy(self) -> bool:
         """Whether anything runs or waits."""
-        return bool(self._running or self.waiting)
+        return bool(self.running or self.waiting)
 
     async def run(self, call: Call, turn: Turn) -> Any:
         """What `call` gives. Raises Problem: when the queue is full, or `turn` stopped."""

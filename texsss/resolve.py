@@ -1,7 +1,7 @@
 """From a scene to tensors: files found and read, names looked up, layers stacked."""
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from hashlib import blake2b
 from importlib.resources import files
 from pathlib import Path
@@ -64,6 +64,7 @@ def unreadable(path: Path, error: OSError) -> AssetError:
     return AssetError(f"Source: {path} cannot be read ({error.strerror or error}); check the path.")
 
 
+@cache
 def builtins() -> list[str]:
     """Names of the meshes, maps and scenes that texsss ships."""
     root = Path(str(files("texsss_assets").joinpath("")))

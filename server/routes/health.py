@@ -23,7 +23,7 @@ async def alive() -> Response:
     responses=responses("starting", "stopping"),
 )
 async def ready(service: TheService) -> Response:
-    """`ready` once the first small render has succeeded, until the service is told to stop."""
+    """`ready` once a render would be served, until the service is told to stop."""
     if service.unready:
         raise service.unready
     return PlainTextResponse("ready", headers=NO_STORE)

@@ -7,14 +7,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 from texsss_server.answers import etag
 from texsss_server.bodies import SceneBody
+from texsss_server.drafts import drafted
 from texsss_server.jobs import JobView
 from texsss_server.negotiate import accepted
 from texsss_server.openapi import SCENE_BODY
 from texsss_server.problems import responses
 from texsss_server.service import TheService
-from texsss_server.settings import Settings
 
-from texsss.scene import Scene
 from texsss.specs import INTERMEDIATES
 
 FORMATS = (
@@ -86,14 +85,3 @@ async def render(
         lambda engine, turn: engine.render(wanted, query.image, media_type, turn),
         drafts_of=client if draft else None,
     )
-
-
-def drafted(scene: Scene, settings: Settings) -> Scene:
-    """The scene at the size of a draft."""
-    raster = min(scene.atlas.texels, settings.draft_atlas)
-    atlas = scene.atlas.model_copy(update={"raster": raster})  # on the same coordinates as the final
-    width, height = scene.camera.resolution
-    scale = min(1.0, (settings.draft_pixels / (width * height)) ** 0.5)
-    resolution = max(1, round(width * scale)), max(1, round(height * scale))
-    camera = scene.camera.model_copy(update={"resolution": resolution, "samples": 1})
-    return scene.model_copy(update={"atlas": atlas, "camera": camera})
