@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import torch
 
-from texsss import placing
 from texsss.errors import DomainError
 from texsss.numerics.sampling import bilinear
 from texsss.pipeline import Run
@@ -69,16 +68,17 @@ def _thickness(run: Run, number: int) -> Float[Tensor, "P 1"]:
 
 
 def _single(run: Run) -> Float[Tensor, "h w 3"]:
-    once, (mesh, _) = run.single, run.mesh.value
+    once = run.single
     if once is None:
         raise DomainError(
             "intermediate: single scattering is part of the profiles here; "
             "set methods.single_scattering to exact or uniform to see it alone."
         )
     scene = run.scene
-    view = placing.camera(scene.camera, mesh)
     hooks = run.hooks("picture")
-    seen = picture(view, run.occluder.value, once, samples=scene.camera.samples, seed=scene.seed, **hooks)
+    seen = picture(
+        run.camera.value, run.occluder.value, once, samples=scene.camera.samples, seed=scene.seed, **hooks
+    )
     return seen[..., :3]
 
 

@@ -18,44 +18,36 @@ from texsss.transport.march.march import march
 from texsss.transport.march.planes import Planes
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
-from texsss.view.shade import Gloss, shade
+from texsss.view.shade import Gloss, Sight, sight
 
 
-def shader(
+def seer(
     surface: SurfaceSpec,
     images: Images,
     mesh: Mesh,
-    atlas_uv: Float[Tensor, "F 3 2"],
-    exitance: Float[Tensor, "H W 3"] | Callable[[Hits], Tensor],
     lights: Sequence[Light],
     *,
     eta: float,
     occluder: Occluder,
     seed: int,
-    single: Callable[[Hits], Tensor] | None = None,
-) -> Callable[[Hits], Tensor]:
-    """The function from camera hits to radiance (P, 3) [W/(m² sr)] that `view.picture` asks for.
+) -> Callable[[Hits], Sight]:
+    """The function from camera hits to all that is seen there but the scattered light.
 
-    `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
-    diffusion.
-    `images`: the maps that `surface` names. `single`: radiance of light scattered once, to be added.
+    `images`: the maps that `surface` names.
     """
-    shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
     albedo = None
     if surface.albedo is not None and surface.albedo_mode != "pre":
         colour = images[surface.albedo].clamp(0, 1).expand(-1, -1, 3)
         albedo = Texture.of(colour.sqrt() if surface.albedo_mode == "both" else colour, "repeat")
     textures = {name: Texture.of(image, "repeat") for name, image in images.items()}
 
-    def seen(hits: Hits) -> Tensor:
+    def see(hits: Hits) -> Sight:
         def grey(value: float | str) -> float | Tensor:
             return painted(textures[value], hits.points, mesh).mean(-1) if isinstance(value, str) else value
 
-        radiance = shade(
+        return sight(
             hits,
             mesh,
-            atlas_uv,
-            shown if isinstance(shown, Texture) else shown(hits),
             tuple(lights),
             eta=eta,
             gloss=Gloss(grey(surface.roughness), grey(surface.specular), surface.second_lobe),
@@ -64,14 +56,29 @@ def shader(
             occluder=occluder,
             seed=seed,
         )
-        if single is None:
-            return radiance
-        once = single(hits)
-        if surface.albedo is not None:
-            once = once * painted(textures[surface.albedo], hits.points, mesh)
-        return radiance + once
 
-    return seen
+    return see
+
+
+def shower(
+    exitance: Float[Tensor, "H W 3"] | Callable[[Hits], Tensor],
+    atlas_uv: Float[Tensor, "F 3 2"],
+    single: Callable[[Hits], Tensor] | None = None,
+) -> Callable[[Sight], Tensor]:
+    """The function from what is seen to radiance (P, 3) [W/(m² sr)], scattered light included.
+
+    `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
+    diffusion. `single`: radiance of light scattered once at hits, to be added.
+    """
+    shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
+
+    def show(seen: Sight) -> Tensor:
+        hits = seen.hits
+        scattered = shown.at(hits.points.uv(atlas_uv)) if isinstance(shown, Texture) else shown(hits)
+        radiance = scattered * seen.gain + seen.gloss
+        return radiance if single is None else radiance + single(hits)
+
+    return show
 
 
 def scattered_once(
@@ -99,6 +106,14 @@ def scattered_once(
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 
     return once
+
+
+def tinted(
+    single: Callable[[Hits], Tensor], albedo: Float[Tensor, "H W C"], mesh: Mesh
+) -> Callable[[Hits], Tensor]:
+    """`single` times the albedo at the hits."""
+    image = Texture.of(albedo, "repeat")
+    return lambda hits: single(hits) * painted(image, hits.points, mesh)
 
 
 def share_of(total: Float[Tensor, "*B C"]) -> Float[Tensor, "*B C"]:

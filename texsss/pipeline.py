@@ -14,7 +14,7 @@ from typing import Literal
 from texsss import placing
 from texsss.cache import Kept
 from texsss.hierarchy import Hierarchy
-from texsss.look import scattered_once, shader, share_of
+from texsss.look import scattered_once, seer, share_of, shower, tinted
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
@@ -27,10 +27,12 @@ from texsss.transport.poisson import diffuse_poisson
 from texsss.transport.through import Across, on_one_side, transmitted
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
-from texsss.view.picture import picture
+from texsss.view.picture import centre_hits, picture
+from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
 BUDGET_BYTES = 6e9  # for the operators of surface diffusion
+SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -161,6 +163,39 @@ class Run(Hierarchy):
         )
 
     @cached_property
+    def camera(self) -> Kept:
+        """Where the picture is taken from."""
+        spec, (mesh, _) = self.scene.camera, self.mesh.value
+        return self.stage("camera", lambda: placing.camera(spec, mesh), self.mesh, spec)
+
+    @cached_property
+    def see(self) -> Callable[[Hits], Sight]:
+        """What camera hits show but for scattered light."""
+        images = {name: kept.value for name, kept in self.surface_maps.items()}
+        return seer(
+            self.scene.material.surface,
+            images,
+            self.mesh.value[0],
+            self.lights,
+            eta=self.stack.value.eta,
+            occluder=self.occluder.value,
+            seed=self.scene.seed,
+        )
+
+    @property
+    def sights(self) -> Kept:
+        """What the centres of the picture's pixels show but for scattered light."""
+        camera, occluder = self.camera, self.occluder.value
+
+        def make():
+            return [self.see(hits) for hits in centre_hits(camera.value, occluder, self.cancel)]
+
+        surface, eta = self.scene.material.surface, self.stack.value.eta
+        return self.stage(
+            "sights", make, camera, self.surface_maps, self.lights_key, surface, eta, self.scene.seed
+        )
+
+    @cached_property
     def picture(self) -> Float[Tensor, "h w 3"]:
         """The picture, linear RGB."""
         scene, surface = self.scene, self.scene.material.surface
@@ -172,15 +207,24 @@ class Run(Hierarchy):
         image = (self.emission if at_hits else self.diffused)(scattering)
 
         def make():
-            images = {name: kept.value for name, kept in maps.items()}
-            place = {"eta": eta, "occluder": occluder, "seed": scene.seed}
+            tint = None if surface.albedo is None else maps[surface.albedo].value
+            single = once if once is None or tint is None else tinted(once, tint, mesh)
             diffuse = (
                 self.texels.value.to_image(image.value) if not at_hits else self.exitance_of_hits(scattering)
             )
-            see = shader(surface, images, mesh, atlas.uv, diffuse, self.lights, single=once, **place)
-            look = {"samples": scene.camera.samples, "background": placing.background(scene)}
-            view = placing.camera(scene.camera, mesh)
-            return picture(view, occluder, see, seed=scene.seed, **look, **self.hooks("picture"))
+            show = shower(diffuse, atlas.uv, single)
+            width, height = scene.camera.resolution
+            known = self.sights.value if width * height <= SIGHTS_KEPT else None
+            return picture(
+                self.camera.value,
+                occluder,
+                lambda hits: show(self.see(hits)),
+                samples=scene.camera.samples,
+                background=placing.background(scene),
+                seed=scene.seed,
+                centres=None if known is None else ((seen.hits.pixel, show(seen)) for seen in known),
+                **self.hooks("picture"),
+            )
 
         marched = None if once is None else (self.planes, methods.single_scattering, methods.march_samples)
         lit = (

@@ -25,7 +25,7 @@ def showing(run: Run) -> dict[str, Any]:
     lights come as the points they are. `transmittance`: of light that arrives from outside, F_dt.
     """
     (mesh, notes), atlas, texels, stack = run.mesh.value, run.atlas, run.texels.value, run.stack.value
-    camera = placing.camera(run.scene.camera, mesh)
+    camera = run.camera.value
     low, high = mesh.vertices.detach().amin(0), mesh.vertices.detach().amax(0)
     return {
         "geometry": atlas.key,

@@ -10,12 +10,13 @@ from texsss.errors import Cancelled, DomainError
 from texsss.light.emitters import ConstantEnvironment, DirectionalLight, PointLight
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
+from texsss.numerics.sampling import Texture
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import unit
 from texsss.view.camera import Hits, fit_camera, pixel_centres, primary_hits
-from texsss.view.picture import picture
-from texsss.view.shade import Gloss, facing, shade
+from texsss.view.picture import centre_hits, picture
+from texsss.view.shade import Gloss, facing, shade, sight
 
 
 def flat(count: int, cosine: torch.Tensor) -> tuple[Mesh, torch.Tensor, Hits]:
@@ -140,6 +141,26 @@ def test_pictures_repeat_and_stop():
         picture(camera, occluder, shader, cancel=lambda: True)
     with pytest.raises(DomainError, match="sample"):
         picture(camera, occluder, shader, samples=0)
+
+
+def test_what_is_known_of_the_centres_is_not_looked_at_again():
+    """Sights kept from one material show another exactly as a picture made anew."""
+    mesh = sphere(50.0, 2)
+    occluder, camera = Occluder(mesh), fit_camera(mesh, resolution=(24, 16))
+    lights = [DirectionalLight((1, 1, 1), (3, 3, 3)), ConstantEnvironment((1, 1, 1))]
+    seen = [sight(h, mesh, lights, gloss=Gloss(), occluder=occluder) for h in centre_hits(camera, occluder)]
+    uv, image = torch.zeros(320, 3, 2), torch.rand(4, 4, 3, generator=torch.Generator().manual_seed(1))
+
+    def shader(hits: Hits) -> torch.Tensor:
+        return shade(hits, mesh, uv, image, lights, gloss=Gloss(), occluder=occluder)
+
+    def refuse(hits: Hits) -> torch.Tensor:
+        raise AssertionError(f"looked at {len(hits.pixel)} hits again")
+
+    at = Texture.of(image).at
+    known = [(s.hits.pixel, at(s.hits.points.uv(uv)) * s.gain + s.gloss) for s in seen]
+    anew = picture(camera, occluder, shader, samples=1)
+    assert torch.equal(picture(camera, occluder, refuse, samples=1, centres=known), anew)
 
 
 def test_bad_gloss_is_refused():

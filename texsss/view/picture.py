@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -26,6 +26,7 @@ def picture(
     samples: int = 16,
     background: Colour | tuple[Colour, Colour] = (0.0, 0.0, 0.0),
     seed: int = 0,
+    centres: Iterable[tuple[Int[Tensor, " P"], Float[Tensor, "P 3"]]] | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Float[Tensor, "h w 4"]:
@@ -35,7 +36,8 @@ def picture(
     (outlines, shadow edges, highlights), stratified rays take its place: a few, and all `samples` where
     those differ, too. Their mean, background included, weighs bright ones down, 1 / (1 + brightness /
     mean), lest a single highlight or a bright rim leave a jagged white edge.
-    `background`: a linear colour, or two: top and bottom.
+    `background`: a linear colour, or two: top and bottom. `centres`: pixels and the radiance at their
+    `centre_hits`, in parts, where it is known already.
     Raises DomainError: when samples is below 1. Raises Cancelled.
     """
     if samples < 1:
@@ -44,22 +46,31 @@ def picture(
     count = width * height
     behind = _background(background, height, width)
     colour, cover = behind.clone(), torch.zeros(count)
-    everywhere = torch.arange(count)
-    centres = pixel_centres(camera)
-    for k, rows in enumerate(all_rows := chunks(count, CHUNK)):
+    if centres is None:
+        centres = ((hits.pixel, shader(hits)) for hits in centre_hits(camera, occluder, cancel))
+    for pixel, radiance in centres:
         check_cancelled(cancel)
-        hits = primary_hits(camera, occluder, centres[rows], everywhere[rows], torch.float32)
-        if len(hits.pixel):
-            colour[hits.pixel] = shader(hits).detach().float()
-            cover[hits.pixel] = 1.0
+        colour[pixel] = radiance.detach().float()
+        cover[pixel] = 1.0
         if progress is not None:
-            progress("view", 0.6 * (k + 1) / len(all_rows))
+            progress("view", 0.6 * float(pixel[-1] + 1) / count)
     if samples > 1:
         key = float(((colour.mean(-1) * cover).sum() / cover.sum().clamp_min(1)).clamp_min(1e-30))
         film = _Film(key, colour, cover)
         edges = film.edges((height, width)).nonzero()[:, 0]
         _refine(camera, occluder, shader, edges, samples, seed, behind, film, progress, cancel)
     return torch.cat([colour, cover[:, None]], -1).reshape(height, width, 4)
+
+
+def centre_hits(camera: Camera, occluder: Occluder, cancel: Cancel | None = None) -> Iterator[Hits]:
+    """What the rays through the centres of all pixels hit, some thousands at a time. Raises Cancelled."""
+    width, height = camera.resolution
+    everywhere, centres = torch.arange(width * height), pixel_centres(camera)
+    for rows in chunks(width * height, CHUNK):
+        check_cancelled(cancel)
+        hits = primary_hits(camera, occluder, centres[rows], everywhere[rows], torch.float32)
+        if len(hits.pixel):
+            yield hits
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch.quasirandom import SobolEngine
@@ -53,11 +54,39 @@ class Gloss:
                 raise DomainError(f"Gloss: expected {name} from 0 to {most:g}, got {low:g} to {high:g}.")
 
 
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What the camera sees at `hits` but for the scattered light: that of exitance M is gain M + gloss.
+
+    `gain` [1/sr]: how much of it leaves towards the camera, the albedo included; `gloss` [W/(m² sr)]: the
+    highlights. Neither knows the material beneath: an edit of it leaves them as they are.
+    """
+
+    hits: Hits
+    gain: Float[Tensor, "P 3"]
+    gloss: Float[Tensor, "P 3"]
+
+
 def shade(
     hits: Hits,
     mesh: Mesh,
     atlas_uv: Float[Tensor, "F 3 2"],
-    exitance: Float[Tensor, "H W 3"] | Float[Tensor, "P 3"] | Texture,
+    exitance: Float[Tensor, "H W 3"] | Texture,
+    lights: list[Light] | tuple[Light, ...],
+    **look: Any,
+) -> Float[Tensor, "P 3"]:
+    """Radiance towards the camera [W/(m² sr)].
+
+    `exitance`: scattered light M [W/m²], an image over `atlas_uv` without empty texels at the seams.
+    `look`: the options of `sight`. Differentiable as that, and in exitance.
+    """
+    seen = sight(hits, mesh, lights, **look)
+    return Texture.of(exitance).at(hits.points.uv(atlas_uv)) * seen.gain + seen.gloss
+
+
+def sight(
+    hits: Hits,
+    mesh: Mesh,
     lights: list[Light] | tuple[Light, ...],
     *,
     eta: float = 1.4,
@@ -68,39 +97,34 @@ def shade(
     environment_samples: int = 8,
     area_samples: int = 8,
     seed: int = 0,
-) -> Float[Tensor, "P 3"]:
-    """Radiance towards the camera [W/(m² sr)].
+) -> Sight:
+    """How scattered light leaves at hits, and their highlights.
 
-    `exitance`: scattered light M [W/m²], an image over `atlas_uv` without empty texels at the seams, or
-    that of each hit; it leaves as F_t(ω) M / (π F_dt), times `albedo` (an image over the author's uv,
-    tiled) where given. `gloss` adds the highlights of every light, shadowed by `occluder`; None leaves
+    Scattered light leaves as F_t(ω) M / (π F_dt), times `albedo` (an image over the author's uv, tiled)
+    where given. `gloss` adds the highlights of every light, shadowed by `occluder`; None leaves
     them out. `normals` (P, 3) take the place of the mesh's shading normals. Lights that are not points are
-    sampled with `seed`. Differentiable in exitance, albedo, lights, gloss and normals.
+    sampled with `seed`. Differentiable in albedo, lights, gloss and normals.
     """
     normal = facing(hits.points.normal(mesh) if normals is None else normals, hits.view)
     cosine = (normal * hits.view).sum(-1)
-    if isinstance(exitance, Tensor) and exitance.ndim == 2:
-        scattered = exitance
-    else:
-        scattered = Texture.of(exitance).at(hits.points.uv(atlas_uv))
+    gain = (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None].expand(-1, 3)
     if albedo is not None and mesh.source_uv is not None:
-        scattered = scattered * Texture.of(albedo, "repeat").at(hits.points.uv(mesh.source_uv))
-    radiance = scattered * (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None]
+        gain = gain * Texture.of(albedo, "repeat").at(hits.points.uv(mesh.source_uv))
+    mirrored = torch.zeros_like(gain)
     if gloss is None or not lights:
-        return radiance
+        return Sight(hits, gain, mirrored)
     site = _Site(hits, mesh, normal, occluder)
     seed = seed + SEEDS_APART * hits.sample
     generator = torch.Generator().manual_seed(seed)
     for number, light in enumerate(lights):
         if isinstance(light, Environment):
             squares = _squares(environment_samples, len(cosine), seed + number, generator)
-            mirrored = _mirrored(light, site, gloss, eta, squares)
+            mirrored = mirrored + _mirrored(light, site, gloss, eta, squares)
         else:
             count = 1 if light.is_delta else area_samples
             squares = _squares(count, len(cosine), seed + number, generator)
-            mirrored = _highlight(light, site, gloss, eta, squares)
-        radiance = radiance + mirrored * _per_hit(gloss.strength, cosine)[:, None]
-    return radiance
+            mirrored = mirrored + _highlight(light, site, gloss, eta, squares)
+    return Sight(hits, gain, mirrored * _per_hit(gloss.strength, cosine)[:, None])
 
 
 def facing(normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
