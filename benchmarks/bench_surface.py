@@ -1,11 +1,16 @@
 """Surface diffusion against the all-pairs sum: error, jump across seams, seconds and memory, uv beside it.
 
-python benchmarks/bench_surface.py [HEAD.obj] [--sizes 512 1024] [--shapes head-source head-xatlas sphere]
+python -m benchmarks.bench_surface [HEAD.obj] [--sizes 512 1024] [--shapes head-source head-xatlas sphere]
+
+Two sums are the truth: over the texels themselves, and over those of an atlas up to four times as fine.
 """
 
 import argparse
 import math
+import resource
 import time
+from bisect import bisect
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -17,14 +22,16 @@ from texsss.surface.atlas import make_atlas
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import TexelMaps
 from texsss.surface.raster import rasterise
-from texsss.transport.operators import surface_operators
+from texsss.transport.neighbours import pairs_within
+from texsss.transport.operators import Operators, surface_operators
 from texsss.transport.uv import diffuse_uv
 from texsss.types import Float, Tensor
 
 HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePerrySmith.obj"
 HEAD_MM = 240.0
 STD = torch.logspace(math.log10(0.2), 1, 8)  # mm
-SAMPLES = 300
+SAMPLES = 2000
+FINER = 4, 2, 1  # times: where standard deviations are below 4, below 16 and above 16 texels
 REACH = 6.0  # standard deviations in the reference
 STRIPES_MM = 12.0
 
@@ -34,6 +41,7 @@ def main() -> None:
     parser.add_argument("head", nargs="?", type=Path, default=HEAD)
     parser.add_argument("--sizes", nargs="+", type=int, default=[512, 1024])
     parser.add_argument("--shapes", nargs="+", default=["head-source", "head-xatlas", "sphere"])
+    parser.add_argument("--speed", action="store_true", help="seconds and memory only")
     arguments = parser.parse_args()
     print(f"threads: {torch.get_num_threads()}")
     for shape in arguments.shapes:
@@ -41,7 +49,10 @@ def main() -> None:
             print(f"{shape}: skipped, {arguments.head} is absent")
             continue
         for size in arguments.sizes:
-            measured(shape, atlas_of(shape, arguments.head, size))
+            texels = atlas_of(shape, arguments.head, size)
+            operators = timed(shape, texels)
+            if not arguments.speed:
+                compared(texels, operators)
 
 
 def atlas_of(shape: str, path: Path, size: int) -> TexelMaps:
@@ -56,47 +67,64 @@ def atlas_of(shape: str, path: Path, size: int) -> TexelMaps:
     return rasterise(mesh, atlas.uv, (size, size))
 
 
-def measured(shape: str, texels: TexelMaps) -> None:
-    """Print figures of one atlas; seconds are the least of three, but for building."""
+def timed(shape: str, texels: TexelMaps) -> Operators:
+    """The operators, their figures printed; seconds are the least of three, but for building."""
     light = lit(texels)
-    variances = STD**2
     begin, cpu = time.perf_counter(), time.process_time()
-    operators = surface_operators(texels, variances)
+    operators = surface_operators(texels, STD**2)
     built, cpu = time.perf_counter() - begin, time.process_time() - cpu
-    applied, gradient = [], []
-    for _ in range(3):
-        begin = time.perf_counter()
-        operators.applied(light)
-        applied.append(time.perf_counter() - begin)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     asking = light.clone().requires_grad_()
-    for _ in range(3):  # the first one makes the transposes
-        begin = time.perf_counter()
-        operators.applied(asking).sum().backward()
-        gradient.append(time.perf_counter() - begin)
+    applied = least_seconds(lambda: operators.applied(light))
+    gradient = least_seconds(lambda: operators.applied(asking).sum().backward())
     print(
         f"\n{shape} {texels.size[0]}²: {texels.covered_count:,} texels of {texels.texel_mm:.3f} mm; "
-        f"built in {built:.1f} s ({cpu:.1f} s of processor), applied in {min(applied):.3f} s, with gradient "
-        f"{min(gradient):.3f} s (first {gradient[0]:.1f} s), {operators.bytes / 1e6:.0f} MB"
+        f"built in {built:.1f} s ({cpu:.1f} s of processor), applied in {applied:.3f} s, with gradient "
+        f"{gradient:.3f} s, {operators.bytes / 1e6:.0f} MB, at most {peak:.1f} GB in all",
+        flush=True,
     )
-    surface, along_uv = operators.applied(light), diffuse_uv(light, texels, variances)
+    return operators
+
+
+def least_seconds(call: Callable[[], object]) -> float:
+    """The least of three."""
+    seconds = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds)
+
+
+def compared(texels: TexelMaps, operators: Operators) -> None:
+    """Print errors, jumps and energy of every Gaussian."""
+    light = lit(texels)
+    surface, along_uv = operators.applied(light), diffuse_uv(light, texels, STD**2)
     sample = torch.multinomial(texels.area, SAMPLES, generator=torch.Generator().manual_seed(0))
-    seams = seam_pairs(texels)
+    at = texels.points.position(texels.mesh)[sample]
+    seams, own = seam_pairs(texels), samples_of(texels)
+    finer = {1: own}
     print(f"lightmap's own jump {jump(texels, light, seams):.4f}\n")
-    print("| std mm | surface L2 | jump | energy | uv L2 | jump |\n|---|---|---|---|---|---|")
+    print(
+        "| std mm | surface L2 | to finer sum | jump | energy | uv L2 | jump |\n|---|---|---|---|---|---|---|"
+    )
     area = texels.area[:, None]
     for k, std in enumerate(STD.tolist()):
-        expected = all_pairs(texels, light, sample, std)
-        errors = [
-            float((b[k][sample] - expected).norm() / expected.norm())
-            for b in (surface.double(), along_uv.double())
-        ]
+        times = FINER[bisect([4, 16], std / texels.texel_mm)]
+        if times not in finer:
+            size = texels.size[0] * times, texels.size[1] * times
+            finer[times] = samples_of(rasterise(texels.mesh, texels.atlas_uv, size, gutter_texels=0))
+        truth, exact = all_pairs(at, own, std), all_pairs(at, finer[times], std)
+        compare = (surface[k], truth), (surface[k], exact), (along_uv[k], truth)
+        errors = [float((b[sample].double() - e).norm() / e.norm()) for b, e in compare]
         energy = float(((surface[k] * area).sum(0) / (light * area).sum(0) - 1).abs().max())
         jumps = [jump(texels, b[k], seams) for b in (surface, along_uv)]
         print(
-            f"| {std:.2f} | {errors[0]:.2%} | {jumps[0]:.4f} | {energy:.2%} | {errors[1]:.2%} "
-            f"| {jumps[1]:.4f} |",
+            f"| {std:.2f} | {errors[0]:.2%} | {errors[1]:.2%} | {jumps[0]:.4f} | {energy:.2%} "
+            f"| {errors[2]:.2%} | {jumps[1]:.4f} |",
             flush=True,
         )
+        finer = {kept: values for kept, values in finer.items() if kept in (1, times)}
 
 
 def lit(texels: TexelMaps) -> Float[Tensor, "P 3"]:
@@ -108,17 +136,25 @@ def lit(texels: TexelMaps) -> Float[Tensor, "P 3"]:
     return torch.stack([first, 0.7 * second + 0.2 * first, first * stripes], 1)
 
 
+def samples_of(texels: TexelMaps) -> tuple[Tensor, Tensor, Tensor]:
+    """Place, area and light of the texels that have an area."""
+    real = torch.nonzero(texels.area > 0)[:, 0]
+    return texels.points.position(texels.mesh)[real], texels.area[real].double(), lit(texels)[real].double()
+
+
 def all_pairs(
-    texels: TexelMaps, light: Float[Tensor, "P 3"], sample: Tensor, std: float
+    at: Float[Tensor, "Q 3"], samples: tuple[Tensor, Tensor, Tensor], std: float
 ) -> Float[Tensor, "Q 3"]:
-    """Σ_j G E_j A_j / Σ_j G A_j over all texels within reach, in float64."""
-    position, area = texels.points.position(texels.mesh).double(), texels.area.double()
-    result = []
-    for at in position[sample]:
-        near = torch.nonzero(((position - at).abs() < REACH * std).all(1))[:, 0]
-        weight = torch.exp((position[near] - at).square().sum(1) / (-2 * std**2)) * area[near]
-        result.append(weight @ light[near].double() / weight.sum())
-    return torch.stack(result)
+    """Σ_j G E_j A_j / Σ_j G A_j over all samples within reach of `at`, in float64."""
+    place, area, light = samples
+    result = light.new_empty(len(at), 3)
+    for pairs in pairs_within(at, place, REACH * std):
+        weight = torch.exp(pairs.squared.double() / (-2 * std**2)) * area[pairs.column.long()]
+        sums = light.new_zeros(len(pairs.count), 4)
+        held = torch.cat([weight[:, None] * light[pairs.column.long()], weight[:, None]], 1)
+        sums.index_add_(0, pairs.row.long(), held)
+        result[pairs.block] = sums[:, :3] / sums[:, 3:]
+    return result
 
 
 def seam_pairs(texels: TexelMaps) -> tuple[Tensor, Tensor]:

@@ -18,7 +18,7 @@ STAGE_VERSIONS = {
     "albedo": 1,
     "sites": 1,
     "light": 1,
-    "operators": 2,
+    "operators": 3,
     "bank": 1,
     "thickness": 1,
     "samples": 1,

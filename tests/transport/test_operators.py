@@ -1,13 +1,15 @@
+import math
+
 import pytest
 import torch
 from squares import ball, gaussian, lit, square
 
 from texsss.errors import Cancelled, DomainError
-from texsss.numerics.sparse import product
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import TexelMaps
 from texsss.surface.raster import rasterise
 from texsss.transport.bank import build_bank, diffusion
+from texsss.transport.lattice import blur, kernel, lattice
 from texsss.transport.neighbours import pairs_within
 from texsss.transport.operators import surface_operators
 from texsss.transport.uv import diffuse_uv
@@ -38,8 +40,8 @@ def test_a_lit_texel_spreads_to_the_gaussian_in_mm_whatever_the_shear():
     squared = (position - position[spot]).square().sum(-1)
     for variance, copy in zip(variances.tolist(), blurred, strict=True):
         expected = gaussian(variance, squared)
-        # measured at three places of the spot: up to 5.3 %, 7.6 % and 6.4 %, a cut kernel's shape
-        assert (copy - expected).norm() < 0.08 * expected.norm()
+        # measured at three places of the spot: up to 6.1 %, 2.4 % and 2.9 %, the lattice's grain
+        assert (copy - expected).norm() < (0.07 if variance == 30 else 0.035) * expected.norm()
 
 
 def test_constants_stay_and_energy_nearly_does():
@@ -49,7 +51,7 @@ def test_constants_stay_and_energy_nearly_does():
     constant = operators.applied(torch.full_like(values, 0.7))
     torch.testing.assert_close(constant, torch.full_like(constant, 0.7), rtol=1e-5, atol=0)
     after, before = (operators.applied(values) * area).sum(1), (values * area).sum(0)
-    torch.testing.assert_close(after, before.expand_as(after), rtol=0.01, atol=0)
+    torch.testing.assert_close(after, before.expand_as(after), rtol=2e-3, atol=0)  # measured 5e-4
 
 
 def test_light_crosses_seams_as_on_the_whole_surface():
@@ -63,10 +65,36 @@ def test_light_crosses_seams_as_on_the_whole_surface():
     squared = torch.cdist(position[sample], position).square()
     for k in range(1, len(LADDER)):
         weight = torch.exp(squared / (-2 * float(LADDER[k]))) * area
-        # measured .25 %, .32 % and .62 %
+        # measured .13 %, .26 % and .33 %
         expected = (weight @ values.double())[:, 0] / weight.sum(1)
         error = (blurred[k][sample] - expected).norm() / expected.norm()
-        assert error < 0.01, f"variance {float(LADDER[k])}: {float(error):.2%}"
+        assert error < 0.005, f"variance {float(LADDER[k])}: {float(error):.2%}"
+
+
+@pytest.mark.parametrize("variance", [20.0, 300.0])
+def test_lattices_make_the_gaussian_of_all_pairs(variance: float):
+    """Σ G between points in space, unnormalised, against the dense sum in double precision."""
+    generator = torch.Generator().manual_seed(0)
+    place = torch.nn.functional.normalize(torch.randn(900, 3, generator=generator), dim=1) * 40
+    held = torch.rand(900, 1, generator=generator)
+    nodes = lattice(place, math.sqrt(variance) / 2)
+    around = blur(nodes, variance - nodes.edge**2 / 3)
+    found = nodes.up.times(around.times(nodes.up.transpose.times(held)))
+    kernel = torch.exp(torch.cdist(place.double(), place.double()).square() / (-2 * variance))
+    expected = kernel @ held.double() * nodes.edge**3 / (2 * math.pi * variance) ** 1.5
+    # measured 1.3 % and .6 %; means, where light is divided by area, are closer by far
+    assert (found - expected).norm() < 0.02 * expected.norm()
+
+
+def test_kernels_have_their_variance_and_blurs_are_their_own_transpose():
+    for variance in (0.3, 1.0, 7.0):
+        taps = kernel(variance)
+        steps = torch.arange(len(taps)) - len(taps) // 2
+        torch.testing.assert_close((taps * steps**2).sum(), torch.tensor(variance).double())
+        torch.testing.assert_close(taps.sum(), torch.ones((), dtype=torch.float64))
+    nodes = lattice(torch.rand(200, 3, generator=torch.Generator().manual_seed(0)) * 50, 3.0)
+    dense = blur(nodes, 20.0).times(torch.eye(len(nodes)))
+    torch.testing.assert_close(dense, dense.T, rtol=0, atol=1e-7)
 
 
 def test_gradients_are_the_adjoint():
@@ -77,19 +105,19 @@ def test_gradients_are_the_adjoint():
     v = torch.rand(len(texels), 1, generator=generator).requires_grad_()
     w = torch.rand(len(LADDER), len(texels), 1, generator=generator)
     (operators.applied(v) * w).sum().backward()
+    assert operators.steps and operators.levels
     u = torch.rand(len(texels), 1, generator=generator)
     assert v.grad is not None
     torch.testing.assert_close((operators.applied(u) * w).sum(), (u * v.grad).sum(), rtol=1e-4, atol=0)
 
 
-def test_products_know_their_transpose():
-    for matrix in surface_operators(ball(32), torch.tensor([100.0, 9000.0])).matrices:
-        x, y = torch.rand(matrix.columns, 2).requires_grad_(), torch.rand(matrix.rows, 2)
-        left = (product(matrix, x) * y).sum()
-        left.backward()
-        assert x.grad is not None
-        torch.testing.assert_close(left, (x * x.grad).sum(), rtol=1e-4, atol=0)
-        torch.testing.assert_close(x.grad, product(matrix.transpose, y), rtol=1e-3, atol=1e-5)
+def test_steps_know_their_transpose():
+    texels = ball(32)
+    operators = surface_operators(texels, torch.tensor([20.0, 100.0, 500.0]))
+    x, y = torch.rand(2, len(texels), 2, generator=torch.Generator().manual_seed(0)).unbind(0)
+    assert len(operators.steps) == 3
+    for step in operators.steps:
+        torch.testing.assert_close((step.of(x) * y).sum(), (x * step.back(y)).sum(), rtol=1e-4, atol=0)
 
 
 def test_the_bank_takes_them_in_any_order():

@@ -5,14 +5,16 @@ import math
 import torch
 
 from texsss.surface.points import TexelMaps
-from texsss.transport.operators import BLOCKS_AT, ENTRIES, POINTS, REACH, SOURCES, TEXELS_TO, fine_texel
+from texsss.transport.operators import AROUND, AT_ONCE, LATTICE_FROM, edge_for, fine_texel
+from texsss.transport.smoothing import REACH
 from texsss.types import Bool, Float, Tensor
 
 ENTRY_BYTES = 8  # an int32 index and a float32 value
-SHARED_ENTRIES = 10  # per texel for all above the texels: blocks and the way back
-NARROW_ENTRIES = 18 + 30  # per texel for the narrowest: kernels, and all pairs that they are chosen from
-MIDDLE_ENTRIES = 30  # per texel from blocks to texels
-WIDE_ENTRIES = 4  # per texel beside the kernel: from clusters and to them
+CROWDED = 1.3  # texels are that much denser than typical ones where kernels are counted
+NODES = 2.7  # of a lattice per edge² of surface
+PASSES = 26  # entries per node of three convolutions, times edges per standard deviation
+WAYS = 16  # entries per point between it and the next lattice, there and back
+MAKING = 25  # entries' worth of room, per texel, that making those ways takes
 
 
 def affordable(
@@ -21,20 +23,22 @@ def affordable(
     """Which Gaussians have surface operators within `budget_bytes`: the widest, as far as it goes.
 
     Seams show the more the wider the Gaussian. Variances of 0 cost nothing. An upper bound for evenly
-    sized texels, without the transposes that gradients need.
+    sized texels, what building takes included.
     """
     texel = fine_texel(texels)
-    spread = 2 * math.pi * (REACH * SOURCES * POINTS) ** 2 * float(texels.area.sum()) / len(texels)
-    left = budget_bytes / (ENTRY_BYTES * len(texels)) - SHARED_ENTRIES
+    left = budget_bytes / (ENTRY_BYTES * max(len(texels), 1))
+    kept, making = 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():
-        variance = float(variances[k])
-        deviation = variance**0.5 / texel
-        if deviation > BLOCKS_AT:
-            left -= min(ENTRIES, spread / variance) + WIDE_ENTRIES
-        elif deviation > TEXELS_TO:
-            left -= MIDDLE_ENTRIES
+        deviation = float(variances[k]) ** 0.5 / texel
+        if deviation >= LATTICE_FROM:
+            edge = edge_for(deviation, 1.0)
+            nodes = min(8.0, NODES / edge**2)
+            kept += nodes * (PASSES * deviation / edge + WAYS) + (0 if making else WAYS)
+            making = MAKING
         elif deviation > 0:
-            left -= NARROW_ENTRIES
-        fits[k] = left >= 0
+            around = CROWDED * math.pi * AROUND**2
+            kept += min(around, CROWDED * math.pi * (REACH * min(deviation, AT_ONCE)) ** 2)
+            making = max(making, 2 * around)  # all pairs, and those within reach
+        fits[k] = kept + making <= left
     return fits

@@ -1,66 +1,61 @@
 """Gaussian diffusion on the surface itself: fixed sparse operators over texels, blind to charts and seams.
 
-Texture space is only storage here: every Gaussian is a kernel over the 3-D distance between points, and
-each is made from a narrower one's result, so that few points say all: texels for the narrowest, then
-blocks of four texels, then clusters that grow with the Gaussian. Results of the latter come back to the
-texels together, from coarse to fine.
+Texture space is only storage here: every Gaussian is a kernel over the 3-D distance between points. Narrow
+ones are made from texel to texel, each from the one before. Of the others, light × area is summed up on
+lattices in space, where a Gaussian is three short convolutions; on lattices ever coarser, each filled from
+the one before, as variances add in space. What comes back is divided by what comes back of area alone.
+Source: the sums of Greengard & Strain 1991 (fast Gauss transform), by lattices as of Adams et al. 2009.
 """
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import torch
+from scipy.spatial import KDTree
 
 from texsss.errors import DomainError
-from texsss.numerics.sparse import Sparse, product
+from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
-from texsss.transport.blocks import from_blocks, texel_blocks
-from texsss.transport.clusters import Clusters, mean_from, voxel_clusters
-from texsss.transport.interpolation import interpolation
+from texsss.transport.lattice import blur, lattice
+from texsss.transport.levels import Level, over, over_transposed
 from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.transport.smoothing import smoothing
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
-TEXELS_TO = 1.35  # texels; standard deviation up to which Gaussians go from texels to texels
-AT_ONCE = 0.85  # texels; widest exchange between texels: several small ones take less room than a large one
-AROUND = 2.4  # texels; that those exchanges reach
-BLOCKS_FROM = 0.95  # texels; of the result that blocks can stand for
-BLOCKS_AT = 3.0  # texels; standard deviation from which results live on blocks
-CLUSTERS_AT = 5.5  # texels; and from which on clusters
-SOURCES, POINTS = (
-    2.0,
-    2.8,
-)  # per standard deviation: clusters that a Gaussian is made from, and where it is known
-ENTRIES = 13  # per texel that a Gaussian on clusters may cost; samples get sparser for it
-UP = 0.7  # standard deviation of the way back, in distances of points
-UP_VARIANCE = 0.2  # that it adds, in distances²
-ROUGH = 8.0  # texels; standard deviation from which blocks may stand for the lightmap itself
-WIDENING = 2.3  # a Gaussian is made from one at most so many times narrower at the texels
-NARROWER = (
-    5.0  # and from one at least so many times narrower above: folds of the surface count from the start
-)
-LEAST = 0.2  # share of its variance that a Gaussian's own kernel keeps
-APART = 1.25  # times narrower, at the least, at the texels
-NEAR_REACH, REACH = 2.6, 3.3  # standard deviations
+LATTICE_FROM = 1.6  # texels; standard deviation from which Gaussians go over lattices
+AT_ONCE = 1.1  # texels; widest exchange between texels: several small ones take less room than a large one
+AROUND = 2.9  # texels; that those exchanges reach
 GUTTER_TRACE = 1e-6  # a gutter texel's weight: it receives and sends nothing to speak of
+EDGES = 1.2, 2.0  # of a lattice per standard deviation, the least and the most
+COST = 0.6  # edges per standard deviation where that is a texel; more where lattices are small
+APART = 1.25  # edges of lattices, at the least
+LEAST = 1e-12  # of a texel: what must lie within reach for a mean to be taken
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A Gaussian of another's result: `kernel`, `times` over, × (`mean` × result `source`), then `up` towards
-    the texels.
+    """A Gaussian from texel to texel: `kernel`, `times` over, on the result numbered `source`.
 
-    `variance` [mm²]: that of the result once at the texels. `held` [mm²]: before it comes back.
+    `variance` [mm²]: what comes of it.
     """
 
     variance: float
-    held: float
     source: int
-    mean: tuple[Sparse, ...]
     kernel: Sparse
-    up: Sparse | None = None
-    times: int = 1
+    times: int
+
+    def of(self, x: Float[Tensor, "P C"]) -> Float[Tensor, "P C"]:
+        """`x` convolved."""
+        for _ in range(self.times):
+            x = self.kernel.times(x)
+        return x
+
+    def back(self, x: Float[Tensor, "P C"]) -> Float[Tensor, "P C"]:
+        """The transpose of `of`: the kernel's measure makes it the same but for scales."""
+        assert self.kernel.measure is not None, "smoothing says its measure"
+        measure = self.kernel.measure[:, None].to(x)
+        return self.of(x / measure) * measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,48 +63,94 @@ class Operators:
     """Surface diffusion for one geometry, atlas size and ladder.
 
     `variances` (K,) [mm²], in the order asked for. Results are numbered: 0 is the lightmap, then one per
-    step at the `texels`, then those `above`, on ever coarser points. `result` (K,): the number that each
-    variance has.
+    step, then those of all `levels`. `result` (K,): the number that each variance has. `area` (P,) [mm²]:
+    of the texels. `total` (W, P): what comes back of it over the levels, for each of their Gaussians.
+    `lost`, `found` (W lists): texels that it does not reach from any area, and the nearest that have some.
     """
 
     variances: Float[Tensor, " K"]
     result: tuple[int, ...]
-    texels: tuple[Step, ...]
-    above: tuple[Step, ...]
+    steps: tuple[Step, ...]
+    levels: tuple[Level, ...]
+    area: Float[Tensor, " P"]
+    total: Float[Tensor, "W P"]
+    lost: tuple[Int[Tensor, " _"], ...]
+    found: tuple[Int[Tensor, " _"], ...]
 
     @property
     def matrices(self) -> list[Sparse]:
-        """All of them; those without a measure keep a transpose, too, once gradients were asked for."""
-        steps = (*self.texels, *self.above)
-        return [m for s in steps for m in (*s.mean, s.kernel, s.up) if m is not None]
+        """All of them; those of steps need no transpose."""
+        passes = [m for level in self.levels for b in level.blurs for m in b.along]
+        ways = [m for level in self.levels for m in (level.up, level.down)]
+        return [*(step.kernel for step in self.steps), *passes, *ways]
+
+    @property
+    def count(self) -> int:
+        """How many Gaussians there are."""
+        return len(self.steps) + sum(len(level.blurs) for level in self.levels)
 
     @property
     def bytes(self) -> int:
-        """Memory of all matrices, without transposes."""
-        return sum({id(matrix): matrix.bytes for matrix in self.matrices}.values())
+        """Memory of all matrices."""
+        return sum(matrix.bytes for matrix in self.matrices)
 
     def applied(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "K P C"]:
         """`values` convolved with every Gaussian, in the order of `variances`. Differentiable in `values`."""
-        results = [values]
-        means: dict[tuple[int, int], Tensor] = {}
-        for step in (*self.texels, *self.above):
-            x = results[step.source]
-            for matrix in step.mean:
-                known = (id(x), id(matrix))
-                x = means[known] = means[known] if known in means else product(matrix, x)
-            for _ in range(step.times):
-                x = product(step.kernel, x)
-            results.append(x)
-        first = 1 + len(self.texels)
-        coarser: tuple[Tensor, ...] = ()
-        for step, own in reversed(list(zip(self.above, results[first:], strict=True))):
-            coarser = (own, *coarser)
-            if step.up is not None:
-                # all coarser ones come along as further channels
-                coarser = product(step.up, torch.cat(coarser, 1)).split(values.shape[1], 1)
-        results[first:] = coarser
-        chosen = [results[number] for number in self.result]
-        return torch.stack(chosen) if chosen else values.new_empty(0, *values.shape)
+        return _Applied.apply(values, self)  # pyright: ignore[reportReturnType]
+
+
+class _Applied(torch.autograd.Function):
+    """Every result goes straight to where it is to stand: new memory is dear."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, operators: Operators) -> Tensor:
+        ctx.operators = operators
+        channels = values.shape[1]
+        copies = values.new_empty(len(operators.result), *values.shape)
+        place = {number: k for k, number in reversed(list(enumerate(operators.result)))}
+
+        def put(number: int, result: Tensor, total: Tensor | None = None) -> None:
+            if number not in place:
+                return
+            copy = copies[place[number]]
+            copy.copy_(result) if total is None else torch.div(result, total[:, None], out=copy)
+
+        put(0, values)
+        made = [values]
+        for number, step in enumerate(operators.steps, 1):
+            made.append(step.of(made[step.source]))
+            put(number, made[-1])
+        first = 1 + len(operators.steps)
+        if operators.levels:
+            sums = over(operators.levels, values * operators.area[:, None].to(values))
+            for k, x in enumerate(sums.split(channels, 1)):
+                put(first + k, x, operators.total[k].to(values))
+                copies[place[first + k], operators.lost[k]] = values[operators.found[k]]
+        for k, number in enumerate(operators.result):
+            if place[number] != k:
+                copies[k] = copies[place[number]]
+        return copies
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
+        operators: Operators = ctx.operators
+        (grad,) = grads
+        sent = [grad.new_zeros(grad.shape[1:]) for _ in range(1 + operators.count)]
+        for k, number in enumerate(operators.result):
+            sent[number] = sent[number] + grad[k]
+        first = 1 + len(operators.steps)
+        for number, step in reversed(list(enumerate(operators.steps, 1))):
+            sent[step.source] = sent[step.source] + step.back(sent[number])
+        result = sent[0]
+        if operators.levels:
+            wide = []
+            for k, own in enumerate(sent[first:]):
+                mean = (own / operators.total[k, :, None].to(own)).index_fill(0, operators.lost[k], 0)
+                result = result.index_add(0, operators.found[k], own[operators.lost[k]])
+                wide.append(mean)
+            back = over_transposed(operators.levels, torch.cat(wide, 1))
+            result = result + back * operators.area[:, None].to(back)
+        return result, None
 
 
 def surface_operators(
@@ -130,15 +171,16 @@ def surface_operators(
         raise DomainError(
             f"surface_operators: expected variances of 0 or more, got {variances.tolist()}; in mm²."
         )
-    builder = _Builder(texels, progress, cancel)
     ladder = sorted({float(v) for v in variances if v > 0})
-    for number, variance in enumerate(ladder):
-        builder.tell(number / max(1, len(ladder)))
-        builder.add(variance)
-    builder.tell(1.0)
-    numbers = {0.0: 0} | {s.variance: 1 + i for i, s in enumerate((*builder.near, *builder.above))}
-    result = tuple(numbers[float(v)] for v in variances)
-    return Operators(variances, result, tuple(builder.near), tuple(builder.above))
+    builder = _Builder(texels, len(ladder), progress, cancel)
+    wide = (LATTICE_FROM * builder.typical) ** 2
+    for variance in ladder:
+        if variance < wide:
+            builder.add_step(variance)
+    builder.around = None
+    builder.add_levels([v for v in ladder if v >= wide])
+    numbers = {v: 1 + i for i, v in enumerate(ladder)} | {0.0: 0}
+    return builder.finished(variances, tuple(numbers[float(v)] for v in variances))
 
 
 def fine_texel(texels: TexelMaps) -> float:
@@ -148,127 +190,84 @@ def fine_texel(texels: TexelMaps) -> float:
     return max(min(texels.texel_mm, harmonic), 1e-30)
 
 
+def edge_for(deviation: float, texel: float) -> float:
+    """Edge [mm] of the lattice for a Gaussian of this standard deviation [mm] over texels of an edge [mm]."""
+    least, most = EDGES
+    return deviation / min(max(COST * math.sqrt(deviation / texel), least), most)
+
+
 class _Builder:
     """Operators in the making, narrowest first."""
 
-    def __init__(self, texels: TexelMaps, progress: Progress | None, cancel: Cancel | None):
-        self.texels, self.progress, self.cancel = texels, progress, cancel
+    def __init__(self, texels: TexelMaps, count: int, progress: Progress | None, cancel: Cancel | None):
+        self.count, self.done, self.progress, self.cancel = count, 0, progress, cancel
         place = texels.points.position(texels.mesh).detach()
         self.place = place - place.mean(0)
         self.area = texels.area.detach().to(self.place)
         self.typical = fine_texel(texels)
-        self.near: list[Step] = []
-        self.above: list[Step] = []
+        self.steps: list[Step] = []
+        self.levels: list[Level] = []
         self.around: Neighbourhood | None = None
-        self.points: list[Clusters] = []  # where the results above are evaluated
-        self.owed = 0.0  # variance that the way from the coarsest points to the texels adds
+        self.tell(0)
 
-    def tell(self, done: float) -> None:
+    def tell(self, more: int = 1) -> None:
+        """Says that so many more Gaussians are done."""
         check_cancelled(self.cancel)
+        self.done += more
         if self.progress is not None:
-            self.progress("operators", done)
+            self.progress("operators", self.done / max(self.count, 1))
 
-    def add(self, variance: float) -> None:
-        """Add the Gaussian of `variance` [mm²], and narrower ones on the way where they are too far."""
-        last = max((s.variance for s in (*self.near, *self.above)), default=0.0)
-        std = math.sqrt(variance) / self.typical
-        if std <= TEXELS_TO and not self.above:
-            return self._between_texels(variance, last)
-        served = last >= (BLOCKS_FROM * self.typical) ** 2
-        if not served and std < ROUGH:
-            self.add(((BLOCKS_FROM + 0.2) * self.typical) ** 2)
-            return self.add(variance)
-        if served and math.sqrt(variance / last) > WIDENING:
-            self.add(math.sqrt(variance * last))
-            return self.add(variance)
-        if std < BLOCKS_AT:
-            self._to_texels(variance)
-        else:
-            self._above(variance, std)
-
-    def _between_texels(self, variance: float, last: float) -> None:
+    def add_step(self, variance: float) -> None:
+        """Add the Gaussian of `variance` [mm²], wider than all before, between texels."""
         lit = self.area > 0
         area = torch.where(lit, self.area, GUTTER_TRACE * self.typical**2)
         edge = torch.where(lit, self.area.sqrt(), self.typical)
-        added = variance - last
-        times = math.ceil(added / (AT_ONCE * self.typical) ** 2)
+        once = (AT_ONCE * self.typical) ** 2
+        # each from the lightmap itself as long as that reaches: results of results gather errors
+        source = 0 if variance <= once else len(self.steps)
+        added = variance - (self.steps[source - 1].variance if source else 0)
+        times = math.ceil(added / once)
         if self.around is None:
             self.around = neighbourhood(self.place, AROUND * self.typical, self.cancel)
         kernel = smoothing(self.around, area, edge, added / times, self.cancel)
-        self.near.append(Step(variance, variance, len(self.near), (), kernel, times=times))
+        self.steps.append(Step(variance, source, kernel, times))
+        self.tell()
 
-    def _to_texels(self, variance: float) -> None:
-        source, held = self._near_source(variance, APART)
-        self.around = None
-        kernel = mean_from(self.blocks, self.place, variance - held, NEAR_REACH, self.cancel)
-        self.near.append(Step(variance, variance, source, (self.blocks.mean,), kernel))
+    def add_levels(self, ladder: list[float]) -> None:
+        """Add Gaussians of these variances [mm²], ascending, over lattices."""
+        points, held = self.place, 0.0  # held: variance of what is on the lattice, and comes back [mm²]
+        while ladder:
+            edge = edge_for(math.sqrt(ladder[0]), self.typical)
+            nodes = lattice(points, edge, self.cancel)
+            held += nodes.edge**2 / 3  # there and back
+            together = [v for v in ladder if edge_for(math.sqrt(v), self.typical) < APART * edge]
+            ladder = ladder[len(together) :]
+            blurs = []
+            for variance in together:
+                blurs.append(blur(nodes, variance - held, self.cancel))
+                self.tell()
+            self.levels.append(Level(nodes.up, nodes.up.transpose, tuple(together), tuple(blurs)))
+            points = nodes.place
 
-    def _near_source(self, variance: float, narrower: float) -> tuple[int, float]:
-        """Number and variance of the widest result at the texels that is so many times narrower.
-
-        Or else of the narrowest that blocks can stand for, or of the lightmap itself.
-        """
-        able = [
-            (1 + i, s.variance)
-            for i, s in enumerate(self.near)
-            if s.variance >= (BLOCKS_FROM * self.typical) ** 2
-        ]
-        first = able[0] if able else (0, 0.0)
-        return max((a for a in able if a[1] * narrower**2 <= variance), default=first)
-
-    @cached_property
-    def blocks(self) -> Clusters:
-        """Texels in fours."""
-        return self._blocks[0]
-
-    @cached_property
-    def _blocks(self) -> tuple[Clusters, Int[Tensor, "h w"]]:
-        return texel_blocks(self.texels, self.place, self.area, self.typical)
-
-    def _above(self, variance: float, std: float) -> None:
-        below = self.points[-1] if self.points else None
-        up = None
-        if below is None:
-            points = self.blocks
-            deviation = UP * 2 * self.typical
-            up, added = from_blocks(
-                self.texels, points, self._blocks[1], self.place, self.typical, deviation, self.cancel
-            )
-            self.owed += added
-        elif std < CLUSTERS_AT:
-            points = below
-        else:
-            edge = math.sqrt(variance) / (POINTS * self._share(variance))
-            points = voxel_clusters(below.centre, below.area, edge)
-            added = UP_VARIANCE * edge**2
-            up = interpolation(points, below.centre, UP * edge, added, self.cancel)
-            self.owed += added
-        held = variance - self.owed
-        number, source, mean, held_there = self._source(variance)
-        kernel = mean_from(
-            source, points.centre, max(held - held_there, LEAST * variance), REACH, self.cancel
+    def finished(self, variances: Float[Tensor, " K"], result: tuple[int, ...]) -> Operators:
+        """All of it."""
+        levels = tuple(self.levels)
+        total = self.area.new_empty(0, len(self.area))
+        lost: list[Tensor] = []
+        found: list[Tensor] = []
+        if levels:
+            total = over(levels, self.area[:, None]).T.contiguous()
+            out = total <= LEAST * self.typical**2
+            lost = [torch.nonzero(row)[:, 0] for row in out]
+            found = [self._nearest_lit(row) for row in lost]
+            total[out] = 1
+        return Operators(
+            variances, result, tuple(self.steps), levels, self.area, total, tuple(lost), tuple(found)
         )
-        self.above.append(Step(variance, held, number, mean, kernel, up))
-        self.points.append(points)
 
-    def _share(self, variance: float) -> float:
-        """How densely to sample, against the constants' advice: as far as ENTRIES allow."""
-        # voxels cut a surface into some 1.4 clusters per edge²
-        entries = 1.4**2 * math.pi * (REACH * SOURCES * POINTS) ** 2 * float(self.area.sum()) / variance
-        return min(1.0, (ENTRIES * len(self.place) / entries) ** 0.25)
-
-    def _source(self, variance: float) -> tuple[int, Clusters, tuple[Sparse, ...], float]:
-        """Result number, clusters that stand for it, the way to them, the variance it holds."""
-        able = [i for i, s in enumerate(self.above) if s.held * NARROWER**2 <= variance]
-        edge = math.sqrt(variance) / (SOURCES * self._share(variance))
-        if not able:
-            number, held = self._near_source(variance, NARROWER)
-            mean, points = (self.blocks.mean,), self.blocks
-        else:
-            number = able[-1]
-            mean, held, points = (), self.above[number].held, self.points[number]
-            number += 1 + len(self.near)
-        if points is self.blocks and edge < 2.7 * self.typical:
-            return number, points, mean, held
-        source = voxel_clusters(points.centre, points.area, edge)
-        return number, source, (*mean, source.mean), held
+    def _nearest_lit(self, of: Int[Tensor, " L"]) -> Int[Tensor, " L"]:
+        lit = torch.nonzero(self.area > 0)[:, 0]
+        if not len(of) or not len(lit):
+            return of
+        tree = KDTree(self.place[lit].cpu().numpy())
+        return lit[torch.from_numpy(tree.query(self.place[of].cpu().numpy())[1]).to(of)]

@@ -13,6 +13,7 @@ from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 REACH = 2.5  # the kernel ends at this many standard deviations; its variance is right all the same
 UNEVEN = 1.5  # points as many times the typical distance apart get no wider kernel
 ROUNDS = 2  # of correcting widths
+COARSE = 0.6  # of a distance; narrower deviations are corrected, as samples miss the variance of no others
 NARROW = 0.35  # of a distance²: narrower variances reach the next points hardly at all
 ROWS = 1 << 14  # worked on at once: temporaries stay in the cache
 
@@ -26,11 +27,12 @@ def smoothing(
 ) -> Sparse:
     """The Gaussian mean over points of `area` [mm²], about `edge` [mm] apart: rows sum to 1.
 
-    Weights are exp(-d² (β_i + β_j) / 2) A_j with β such that, as sampled and cut, every row has
-    `variance` [mm²]. Areas are above 0. Raises Cancelled.
+    Weights are exp(-d² (β_i + β_j) / 2) A_j. Where points are few for that, β is such that the row has
+    `variance` [mm²] as sampled and cut. Areas are above 0. Raises Cancelled.
     """
     typical = float(edge.median())
     sharpness = 0.5 / sampled_width(variance, edge.clamp_max(UNEVEN * typical))
+    coarse = variance < (COARSE * edge) ** 2
     near = [_near(around, sharpness, rows) for rows in _rows(area, cancel)]
     start = starts(torch.cat([part.count for part in near]))
     column = torch.cat([part.column for part in near])
@@ -41,7 +43,7 @@ def smoothing(
             sums, moments = part.sums(weight), part.sums(weight * part.squared)
             # two axes share the mean squared distance
             wrong = moments / sums / (2 * variance)
-            sharper[rows] *= torch.where(wrong > 0, wrong, 1).clamp(0.5, 2)
+            sharper[rows] *= torch.where(coarse[rows] & (wrong > 0), wrong, 1).clamp(0.5, 2)
         sharpness = sharper
     value, total = area.new_empty(len(column)), torch.empty_like(area)
     for rows, part in zip(_rows(area, cancel), near, strict=True):
