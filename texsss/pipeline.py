@@ -20,6 +20,7 @@ from texsss.report import describe
 from texsss.result import Baked
 from texsss.transport.bank import Bank, Diffusion, diffusion, exitance, narrow_stop
 from texsss.transport.budget import affordable
+from texsss.transport.doubts import doubts
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
 from texsss.transport.operators import surface_operators
@@ -49,6 +50,9 @@ class Run(Hierarchy):
         if self.operators is not None and len(self.operators.value.variances) < len(self.variances):
             stopped = len(self.variances) - len(self.operators.value.variances)
             said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
+        if self.operators is not None:
+            variances = self.variances
+            said += self.stage("doubts", lambda: doubts(texels, variances), self.texels, variances).value
         return [*said, *notes.messages, *self.atlas.value.report.messages]
 
     # diffusion

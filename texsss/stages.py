@@ -19,6 +19,7 @@ STAGE_VERSIONS = {
     "sites": 1,
     "light": 1,
     "operators": 3,
+    "doubts": 1,
     "bank": 1,
     "thickness": 1,
     "samples": 1,

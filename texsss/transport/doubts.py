@@ -1,0 +1,114 @@
+"""What is doubtful about a surface that light is to cross, and where: sentences for the user."""
+
+import torch
+
+from texsss.surface.points import TexelMaps
+from texsss.surface.raster import contested_area
+from texsss.surface.topology import charts, components, edges, shared_edges
+from texsss.types import Float, Int, Tensor
+
+COARSE, FINE = 100.0, 0.01  # kernel widths that a texel may span
+LOST = 1e-3  # share of a face's area under others that is not rounding
+BELOW = 1e-4  # share of the texels that may be of doubtful size
+
+
+def doubts(texels: TexelMaps, variances: Float[Tensor, " K"]) -> list[str]:
+    """Sentences about open borders, crowded edges, lone charts, overlaps, padding and sizes of texels.
+
+    `variances` [mm²]: of the Gaussians. Each sentence names a place [mm, as the mesh is scaled]; none if
+    all is well.
+    """
+    return [*_of_edges(texels), *_of_charts(texels), *_of_sizes(texels, variances)]
+
+
+def _of_edges(texels: TexelMaps) -> list[str]:
+    mesh = texels.mesh
+    both = edges(mesh.faces.long()).reshape(-1, 2)
+    code = both.amin(1) * len(mesh.vertices) + both.amax(1)
+    _, number, count = torch.unique(code, return_inverse=True, return_counts=True)
+    meeting = count[number]
+    middle = mesh.vertices.detach()[both].mean(1)
+    said = []
+    lone, crowded = torch.nonzero(meeting == 1)[:, 0], torch.nonzero(meeting > 2)[:, 0]
+    if len(lone):
+        said.append(
+            f"The surface is open: light ends at {len(lone):,} edges, as near {_place(middle[lone[0]])}."
+        )
+    if len(crowded):
+        said.append(
+            f"{int((count > 2).sum()):,} edges join more than two faces, as near "
+            f"{_place(middle[crowded[0]])}: light crosses to all of them."
+        )
+    return said
+
+
+def _of_charts(texels: TexelMaps) -> list[str]:
+    mesh, said = texels.mesh, []
+    chart = charts(mesh.faces, texels.atlas_uv)
+    number = int(chart.max()) + 1
+    centre = mesh.corners.detach().mean(1)
+    if number > 1:
+        part = components(len(mesh.faces), shared_edges(mesh.faces))
+        pairs = torch.unique(torch.stack([part, chart], 1), dim=0)
+        alone = torch.bincount(pairs[:, 0])[part] == 1
+        if bool(alone.any()) and int(part.max()):
+            lone = chart[alone].unique()
+            said.append(
+                f"{len(lone):,} of {number:,} charts share no edge with another, as near "
+                f"{_place(centre[alone][0])}: light leaves them only for what lies within its reach."
+            )
+    lost = contested_area(mesh, texels.atlas_uv, texels.size)
+    under = lost > LOST * mesh.face_area
+    if bool(under.any()):
+        said.append(
+            f"{int(under.sum()):,} faces lie under others in uv and take their light, as near "
+            f"{_place(centre[lost.argmax()])}; unwrap the mesh, or take uv xatlas."
+        )
+    touching = _touching(texels, chart)
+    if len(touching):
+        at = texels.points[touching[:1]].position(mesh).detach()[0]
+        said.append(
+            f"{len(touching):,} texels touch another chart, as near {_place(at)}: look-ups mix both; "
+            "leave padding between charts, or take a larger atlas."
+        )
+    return said
+
+
+def _touching(texels: TexelMaps, chart: Int[Tensor, " F"]) -> Int[Tensor, " N"]:
+    """Covered texels whose right or lower neighbour belongs to another chart."""
+    real = torch.nonzero(texels.covered)[:, 0]
+    height, width = texels.size
+    image = torch.full((height * width,), -1, dtype=chart.dtype, device=chart.device)
+    image[texels.index[real]] = chart[texels.points.face[real].long()]
+    image = image.reshape(height, width)
+    differs = torch.zeros_like(image, dtype=torch.bool)
+    for here, there in ((image[:, :-1], image[:, 1:]), (image[:-1], image[1:])):
+        other = (here >= 0) & (there >= 0) & (here != there)
+        differs[: here.shape[0], : here.shape[1]] |= other
+    return real[differs.reshape(-1)[texels.index[real]]]
+
+
+def _of_sizes(texels: TexelMaps, variances: Float[Tensor, " K"]) -> list[str]:
+    real = torch.nonzero(texels.area > 0)[:, 0]
+    widths = variances[variances > 0].sqrt()
+    if not len(real) or not len(widths):
+        return []
+    edge = texels.area[real].detach().sqrt()
+    said = []
+    widest, narrowest = float(widths.max()), float(widths.min())
+    for out, at, width, why in (
+        (edge > COARSE * widest, edge.argmax(), widest, "nothing is seen of it there"),
+        (edge < FINE * narrowest, edge.argmin(), narrowest, "a smaller atlas would do"),
+    ):
+        share = float(out.float().mean())
+        if share > BELOW:
+            place = _place(texels.points[real[at][None]].position(texels.mesh).detach()[0])
+            said.append(
+                f"{share:.2%} of the texels do not suit a Gaussian of {width:.3g} mm, as near {place}, where "
+                f"one is {float(edge[at]):.3g} mm wide: {why}; check the unit of the mesh."
+            )
+    return said
+
+
+def _place(at: Float[Tensor, "3"]) -> str:
+    return "({:.4g}, {:.4g}, {:.4g}) mm".format(*at.tolist())
