@@ -234,6 +234,25 @@ def test_march_takes_the_place_of_what_profiles_no_longer_hold(small):
     torch.testing.assert_close(mean["exact"], mean["none"], rtol=0.12, atol=0)
 
 
+def marched(small: dict, thickness: float, method: str = "exact", **march) -> torch.Tensor:
+    """Light scattered once in a layer on an endless one [W/(m² sr)]."""
+    layers = [{"medium": "skin2", "thickness_mm": thickness}, {"medium": "ketchup"}]
+    methods = {"single_scattering": method, "march_samples": 6, "march": march}
+    scene = {**small, "maps": {}, "material": {"layers": layers}, "methods": methods}
+    return Baker().intermediate(Scene.parse(scene), "single")
+
+
+def test_a_clamped_layer_is_a_thinner_one(small):
+    assert torch.equal(marched(small, 1.0, deepest_mm=0.3), marched(small, 0.3))
+    assert not torch.equal(marched(small, 1.0), marched(small, 0.3))
+
+
+def test_noise_moves_even_steps_and_not_the_exact_ones(small):
+    for method, same in (("uniform", False), ("exact", True)):
+        still, noisy = (marched(small, 0.5, method, noise=noise) for noise in (0.0, 0.5))
+        assert torch.equal(still, noisy) is same
+
+
 def plain(small: dict, **methods) -> Scene:
     """The torus of one medium, lit from above, by some methods."""
     bare = {name: part for name, part in small.items() if name not in ("maps", "material")}

@@ -9,6 +9,7 @@ from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Stack
 from texsss.pipeline import Run
 from texsss.profiles.fit import fit_error, fit_gaussians
+from texsss.profiles.known import Known, known
 from texsss.types import Float, Tensor
 
 RADII = 96
@@ -19,7 +20,8 @@ def curve(run: Run) -> dict:
     """R(r) of the material's layers [1/mm²], its Gaussians and its lengths, as plain values per channel.
 
     Maps count by their mean. `radius_mm`: within which a share of the light comes back; mean free path
-    and diffusion length [mm] of the outermost layer; `fit_error`: of the Gaussians, radially weighted.
+    and diffusion length [mm] of the outermost layer; `fit_error`: of the Gaussians, radially weighted;
+    `monte_carlo`: what photons say, for media where they were asked, else None.
     Raises DomainError: when a medium is unknown.
     """
     scene, methods = run.scene, run.scene.methods
@@ -40,6 +42,7 @@ def curve(run: Run) -> dict:
         "mean_free_path_mm": _finite(medium.mean_free_path),
         "diffusion_length_mm": _finite(medium.diffusion_length),
         "fit_error": _row(fit_error(fitted, stack, **options)),
+        "monte_carlo": [_rings(one) for one in known(stack, methods.incidence)],
         "layers": _layers(stack),
         "methods": {"profile": methods.profile, "incidence": methods.incidence, "terms": methods.terms},
     }
@@ -67,6 +70,16 @@ def _rows(values: Float[Tensor, "*B N C"]) -> list[list[float]]:
 
 def _row(values: Float[Tensor, "*B C"]) -> list[float]:
     return values.reshape(-1, values.shape[-1])[0].tolist()
+
+
+def _rings(one: Known | None) -> dict[str, list[float]] | None:
+    if one is None:
+        return None
+    return {
+        "r_mm": one.r.tolist(),
+        "reflectance_per_mm2": one.reflectance.tolist(),
+        "error_per_mm2": one.error.tolist(),
+    }
 
 
 def _finite(values: Tensor) -> list[float | None]:

@@ -1,6 +1,7 @@
 """How a baked surface looks: exitance, albedo, bumps and gloss joined into what a ray sees."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -10,11 +11,13 @@ from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.numerics.sampling import Texture
 from texsss.resolve import Images
-from texsss.specs import SurfaceSpec
+from texsss.specs import MarchSpec, SurfaceSpec
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
+from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import march
+from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import Planes
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
@@ -89,6 +92,7 @@ def scattered_once(
     *,
     atlas_uv: Float[Tensor, "F 3 2"],
     scale: Float[Tensor, "H W 3"] | None,
+    how: MarchSpec,
     **options: Any,
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
@@ -96,12 +100,23 @@ def scattered_once(
     `scale`: an image over the atlas that multiplies it, where profiles are normalised. `options`: the
     method, samples, occluder and seed of `march`.
     """
-
+    interior = from_stack(stack)
+    if how.deepest_mm is not None:
+        interior = replace(interior, depth=interior.depth.clamp(max=how.deepest_mm))
+    noise = Noise(uv=how.noise_uv, start=how.noise) if how.noise or how.noise_uv else None
     lasting = None if scale is None else Texture.of(scale)
 
     def once(hits: Hits) -> Tensor:
         light = march(
-            hits.points, mesh, planes, stack, tuple(lights), hits.view, uv=mesh.source_uv, **options
+            hits.points,
+            mesh,
+            planes,
+            interior,
+            tuple(lights),
+            hits.view,
+            uv=mesh.source_uv,
+            noise=noise,
+            **options,
         )
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 

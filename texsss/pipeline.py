@@ -162,6 +162,7 @@ class Run(Hierarchy):
             scale=scale,
             method=methods.single_scattering,
             samples=methods.march_samples,
+            how=methods.march,
             occluder=self.occluder.value,
             seed=self.scene.seed,
         )
@@ -230,7 +231,8 @@ class Run(Hierarchy):
                 **self.hooks("picture"),
             )
 
-        marched = None if once is None else (self.planes, methods.single_scattering, methods.march_samples)
+        how = (methods.single_scattering, methods.march_samples, methods.march)
+        marched = None if once is None else (self.planes, how)
         lit = (
             image,
             (self.irradiance, methods.octree) if at_hits else None,

@@ -306,6 +306,18 @@ class PoissonSpec(Model):
     reduction: Annotated[Count, Field(ge=1, le=16)] = 2
 
 
+class MarchSpec(Model):
+    """What hides the steps of the march, and how deep its layers go (Norberg 2010).
+
+    `noise` shifts the start of uniform steps by up to this share of their distance, `noise_uv` the places
+    where maps are read [uv]. `deepest_mm`: boundaries between layers lie no deeper.
+    """
+
+    noise: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    noise_uv: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    deepest_mm: Positive | None = None
+
+
 class MethodsSpec(Model):
     """Which method computes each stage; all are named, so that they can be compared.
 
@@ -326,6 +338,7 @@ class MethodsSpec(Model):
     transmission: bool = False
     octree: OctreeSpec = OctreeSpec()
     poisson: PoissonSpec = PoissonSpec()
+    march: MarchSpec = MarchSpec()
 
 
 class OutputSpec(Model):

@@ -70,7 +70,7 @@ def test_the_address_holds_everything(visit):
     page.get_by_role("tab", name="Light").click()
     settle(page, lambda: page.get_by_role("button", name="From the side").click())
     page.locator("#view").press("ArrowLeft")
-    page.wait_for_timeout(600)
+    page.evaluate("texsss.address.write()")
     link, was, stood, picture = page.url, state(page), pose(page), shown(page)
     other = visit(path=link[link.index("/#") :])
     other.wait_for_timeout(300)

@@ -1,6 +1,7 @@
 // The studio: viewer, panels and the service, joined by one store.
 
-import { Vector3 } from "three";
+import { Address } from "./address";
+import { Aim } from "./aim";
 import { api, Problem } from "./api";
 import { Bar, theme } from "./bar";
 import { Compare } from "./compare";
@@ -8,7 +9,7 @@ import { exportDialog, helpDialog } from "./dialogs";
 import { h, save } from "./dom";
 import { portable } from "./export";
 import { Files } from "./files";
-import { aimed, expanded, type Movable, movable, towards } from "./lights";
+import { expanded } from "./lights";
 import { Live } from "./live";
 import { Marching } from "./marching";
 import { InsidePanel } from "./panels/inside";
@@ -19,7 +20,7 @@ import { MethodPanel } from "./panels/method";
 import { ObjectPanel } from "./panels/object";
 import { ProfilePanel } from "./panels/profile";
 import { Tabs } from "./panels/tabs";
-import { type Shared, writeHash } from "./share";
+import type { Shared } from "./share";
 import { bakedPart, fromScene, type State, toScene } from "./state";
 import { Status } from "./status";
 import { Store } from "./store";
@@ -34,7 +35,6 @@ const BACKDROP: Showing["background"] = [
   [0.02, 0.024, 0.03],
   [0.075, 0.082, 0.092],
 ];
-const REMEMBER_MS = 250;
 const HOME = [0.62, 0.36, 0.7] as const; // where other meshes are seen from
 
 const reducedMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -55,13 +55,13 @@ export class App {
   private readonly handle: LightHandle;
   private readonly marching: Marching;
   private readonly bar: Bar;
+  readonly address: Address;
+  readonly aim: Aim;
   private readonly camera: Scene["camera"];
   private pose: Pose | null;
   private framed = "";
-  private dragging = false;
   private profiled = "";
-  private timers = { remember: 0, profile: 0 };
-  activeLight = 0;
+  private profileTimer = 0;
 
   constructor(scenes: { scene: Scene }[], presets: Preset[], shared: Shared | null) {
     const scene = { ...scenes[0].scene, ...shared?.scene } as Scene;
@@ -77,12 +77,13 @@ export class App {
         this.handle?.place();
         this.marching?.moved();
       },
-      rested: () => this.remember(),
-      light: (yaw, pitch) => this.turnLight(yaw, pitch),
-      lightDone: () => this.lightDone(),
+      rested: () => this.address.remember(),
+      light: (yaw, pitch) => this.aim.turn(yaw, pitch),
+      lightDone: () => this.aim.done(),
       lost: () => this.status.away("The graphics card was taken away; waiting for it…"),
       restored: () => this.status.away(null),
     }));
+    this.aim = new Aim(store, viewer, () => this.live.showing);
     this.status = new Status(() => this.live.cancel());
     this.live = new Live({
       badge: (badge) => this.status.show(badge),
@@ -98,7 +99,7 @@ export class App {
         viewer.setLight("B", texture);
         if (final) this.inside.values(final);
       },
-      map: (kind, texture) => viewer.setMap(kind, texture),
+      map: (kind, coded, srgb) => void viewer.setMap(kind, coded, srgb),
       settled: () => {
         clearProblems();
         this.drawProfile();
@@ -113,7 +114,7 @@ export class App {
       initial: this.initial,
       busy: (text) => this.status.show(text ? { state: "busy", texels: store.state.atlas.size, ms: 0, stage: "mesh", fraction: 0 } : { state: "final", texels: store.state.atlas.size, ms: 0 }),
     });
-    this.handle = new LightHandle(overlay, viewer, { turn: (yaw, pitch) => this.turnLight(yaw, pitch), done: () => this.lightDone() });
+    this.handle = new LightHandle(overlay, viewer, { turn: (yaw, pitch) => this.aim.turn(yaw, pitch), done: () => this.aim.done() });
     this.marching = new Marching({
       viewer,
       state: () => store.state,
@@ -129,7 +130,7 @@ export class App {
       look: (image) => {
         if (image !== this.live.image) this.live.look(image);
         this.compare.sync();
-        this.remember();
+        this.address.remember();
       },
       single: (on) => {
         this.marching.alone = on;
@@ -148,22 +149,25 @@ export class App {
       showing: () => this.live.showing,
       lights: (state) => expanded(state.lights, this.live.showing),
       announce: (text) => this.announce(text),
-      changed: () => this.remember(),
+      changed: () => this.address.remember(),
+    });
+
+    this.address = new Address({
+      state: () => store.state,
+      pose: () => viewer.orbit.pose,
+      placed: () => this.framed !== "",
+      inside: this.inside,
+      compare: this.compare,
+      aim: this.aim,
     });
 
     const host = { takeMap: (file: File) => this.files.takeMap(file), pickFile: (accept: string) => this.files.pick(accept), announce: (text: string) => this.announce(text) };
     this.layers = new LayersPanel(store, presets, this.initial, host);
-    const app = this;
     this.lights = new LightPanel(store, {
       showing: () => this.live.showing,
-      get active() {
-        return app.activeLight;
-      },
-      set active(index: number) {
-        app.activeLight = index;
-      },
+      aim: this.aim,
       select: (index) => {
-        this.activeLight = index;
+        this.aim.active = index;
         this.lights.sync();
         this.show();
       },
@@ -196,10 +200,10 @@ export class App {
         out.showModal();
       },
       link: async () => {
-        await this.writeAddress();
+        await this.address.write();
         return location.href;
       },
-      rested: () => this.remember(),
+      rested: () => this.address.remember(),
       themed: () => this.profile.draw(),
       name: () => this.name,
     });
@@ -212,13 +216,14 @@ export class App {
       for (const panel of this.panels) panel.sync();
       this.bar.sync();
       this.show();
+      if (store.editing) viewer.redraw(true);
       this.live.want(store.state, store.editing);
       this.compare.sync(store.editing);
-      this.marching.moved();
-      if (!store.editing) this.remember();
+      this.marching.changed();
+      if (!store.editing) this.address.remember();
     });
     this.show();
-    this.restoreView(shared?.view);
+    this.address.restore(shared?.view);
     this.live.want(store.state, false);
   }
 
@@ -234,28 +239,7 @@ export class App {
     dressLook(this.viewer.looks.B, state, this.live.showing, lights);
     this.viewer.setOutput(state.output.exposure_ev, state.output.tonemap);
     this.viewer.setBackground(state.output.background ?? BACKDROP);
-    const light = lights[this.activeLight] ?? lights[0];
-    this.handle.set(light && movable(light) && this.live.showing ? towards(light, this.viewer.centre) : null);
-  }
-
-  private turnLight(yaw: number, pitch: number): void {
-    const lights = expanded(this.store.state.lights, this.live.showing);
-    const index = Math.min(this.activeLight, lights.length - 1);
-    const light = lights[index];
-    if (!light || !movable(light)) return;
-    const { matrixWorld } = this.viewer.camera;
-    const up = new Vector3().setFromMatrixColumn(matrixWorld, 1);
-    const right = new Vector3().setFromMatrixColumn(matrixWorld, 0);
-    const direction = towards(light, this.viewer.centre).applyAxisAngle(up, yaw).applyAxisAngle(right, pitch);
-    this.dragging = true;
-    this.store.edit((next) => {
-      next.lights = lights.map((one, i) => (i === index ? aimed(one as Movable, this.viewer.centre, direction) : one));
-    }, true);
-  }
-
-  private lightDone(): void {
-    if (this.dragging) this.store.commit();
-    this.dragging = false;
+    this.handle.set(this.aim.direction);
   }
 
   /** The camera is placed when a mesh is new, and never again. */
@@ -273,15 +257,15 @@ export class App {
     const from = direction ?? (own ? this.camera.direction : undefined) ?? [...HOME];
     const pose = this.viewer.framing(from, this.camera.fov_y_deg);
     if (pose) this.viewer.setPose(pose);
-    this.remember();
+    this.address.remember();
   }
 
   private drawProfile(): void {
     const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = bakedPart(toScene(this.store.state));
     const key = JSON.stringify(matter);
     if (key === this.profiled) return;
-    clearTimeout(this.timers.profile);
-    this.timers.profile = window.setTimeout(async () => {
+    clearTimeout(this.profileTimer);
+    this.profileTimer = window.setTimeout(async () => {
       try {
         const found = await api.profile(bakedPart(toScene(this.store.state)));
         this.profiled = key;
@@ -301,26 +285,6 @@ export class App {
 
   private announce(text: string): void {
     if (text) document.getElementById("status")!.textContent = text;
-  }
-
-  private restoreView(view: Shared["view"]): void {
-    if (!view) return;
-    const { inside, number, compare, light } = view as { inside?: string; number?: number; compare?: never; light?: number };
-    this.activeLight = light ?? 0;
-    if (inside && inside !== "picture") this.inside.choose(inside, number ?? 1);
-    if (compare) this.compare.restore(compare);
-  }
-
-  private remember(): void {
-    clearTimeout(this.timers.remember);
-    this.timers.remember = window.setTimeout(() => void this.writeAddress(), REMEMBER_MS);
-  }
-
-  private async writeAddress(): Promise<void> {
-    if (!this.framed) return;
-    const view = { inside: this.inside.key, number: this.inside.chosenNumber, compare: this.compare.shared, light: this.activeLight };
-    const hash = await writeHash({ state: this.store.state, pose: this.viewer.orbit.pose, view });
-    history.replaceState(null, "", hash);
   }
 
   private async saveModel(): Promise<void> {

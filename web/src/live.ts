@@ -5,6 +5,7 @@ import { bakedPart, toScene, type State } from "./state";
 import type { Scene, Showing } from "./types";
 import { parseGlb } from "./view/glb";
 import { type HalfImage, parseNpy, rangeOf } from "./view/npy";
+import type { MapName } from "./view/look";
 import { fromBlob, fromHalf } from "./view/textures";
 import type { BufferGeometry, Texture } from "three";
 
@@ -26,7 +27,7 @@ export interface LiveEvents {
   /** Lights and indices; `geometry` where the mesh is another. Without this event neither is asked for. */
   ground?(showing: Showing, geometry: BufferGeometry | null): void;
   light(texture: Texture, final: HalfImage | null): void;
-  map?(kind: "albedo" | "roughnessMap" | "specularMap" | "normalMap", texture: Texture | null): void;
+  map?(kind: MapName, coded: Blob | null, srgb: boolean): void;
   settled?(): void;
   problem(error: unknown): void;
   online?(yes: boolean): void;
@@ -205,7 +206,7 @@ export class Live {
       const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * HEADROOM)) / 2;
       const body = { ...sized, output: { exposure_ev, tonemap: "linear" } };
       const response = await api.image(body, this.image, { ...options, accept: "image/jpeg" });
-      const texture = await fromBlob(await response.blob(), { srgb: true });
+      const texture = await fromBlob(await response.blob(), true);
       texture.userData.scale = 2 ** -exposure_ev;
       this.events.light(texture, null);
     } else {
@@ -237,13 +238,12 @@ export class Live {
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
       if (!spec || !name) {
-        this.events.map?.(kind, null);
+        this.events.map?.(kind, null, false);
         continue;
       }
       try {
         const blob = await api.map({ maps: { [name]: spec } }, name);
-        const texture = await fromBlob(blob, { srgb: (spec.space ?? "linear") === "srgb", tile: true });
-        if (this.maps[kind] === key) this.events.map?.(kind, texture);
+        if (this.maps[kind] === key) this.events.map?.(kind, blob, (spec.space ?? "linear") === "srgb");
       } catch (error) {
         this.maps[kind] = "";
         if (!(error instanceof Offline)) this.events.problem(error);

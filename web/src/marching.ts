@@ -1,6 +1,6 @@
 // Light that depends on the view: the service's picture of this view, blended in when the camera rests.
 
-import { api } from "./api";
+import { api, clientName, Problem } from "./api";
 import { toScene, type State } from "./state";
 import { showProblem } from "./toast";
 import type { Pose } from "./view/orbit";
@@ -11,6 +11,7 @@ import type { Viewer } from "./view/viewer";
 const REST_MS = 350;
 const FADE_MS = 260;
 const PIXELS = 420_000; // of the picture at most
+const DRAFT_PIXELS = 60_000; // while its own numbers are pulled
 
 export interface MarchingHost {
   viewer: Viewer;
@@ -29,6 +30,10 @@ export class Marching {
   private abort: AbortController | null = null;
   private share = 0;
   private fading = 0;
+  private drafting = false;
+  private numbers = ""; // of the march
+  private rest = ""; // of what is marched through
+  private readonly client = clientName();
 
   constructor(private readonly host: MarchingHost) {}
 
@@ -38,31 +43,78 @@ export class Marching {
 
   /** Something moved: what was marched is of the past. */
   moved(): void {
-    clearTimeout(this.timer);
-    this.abort?.abort(new DOMException("stale", "AbortError"));
+    this.stop();
     this.fade(0);
     if (this.wanted) this.timer = window.setTimeout(() => void this.march(), REST_MS);
   }
 
+  /** The state changed. The march's own numbers are followed by drafts; exposure is the page's own. */
+  changed(): void {
+    const { output: _output, ...state } = this.host.state();
+    const { march, march_samples, single_scattering, ...methods } = state.methods;
+    const numbers = JSON.stringify([march, march_samples, single_scattering]);
+    const rest = JSON.stringify({ ...state, methods });
+    const [tuned, other] = [numbers !== this.numbers, rest !== this.rest];
+    this.numbers = numbers;
+    this.rest = rest;
+    if (other || (tuned && this.share === 0)) this.moved();
+    else if (tuned) {
+      this.stop();
+      void this.draft();
+      this.timer = window.setTimeout(() => void this.march(), REST_MS);
+    }
+  }
+
+  private stop(): void {
+    clearTimeout(this.timer);
+    this.abort?.abort(new DOMException("stale", "AbortError"));
+    this.abort = null;
+    this.host.busy(null);
+  }
+
+  /** Coarse pictures, one after the other, until the numbers are those of the last. */
+  private async draft(): Promise<void> {
+    if (this.drafting) return;
+    this.drafting = true;
+    try {
+      let shown = "";
+      while (shown !== this.numbers && this.wanted && !this.abort) {
+        shown = this.numbers;
+        await this.ask(DRAFT_PIXELS, { samples: 1 }, { client: this.client });
+      }
+    } catch (error) {
+      if (!(error instanceof Problem)) throw error; // the whole picture tells
+    } finally {
+      this.drafting = false;
+    }
+  }
+
   private async march(): Promise<void> {
-    const { viewer } = this.host;
-    const state = this.host.state();
     const abort = (this.abort = new AbortController());
-    const { clientWidth: width, clientHeight: height } = viewer.canvas;
-    const scale = Math.min(1, Math.sqrt(PIXELS / (width * height)));
-    const resolution = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
-    const camera = { ...this.host.pose(), fit: false, resolution, samples: 4 };
-    const image = this.alone ? "single" : "picture";
     this.host.busy("marching");
     try {
-      const response = await api.image({ ...toScene(state), camera }, image, { signal: abort.signal, accept: "application/x-npy" });
-      viewer.setMarch(fromHalf(parseNpy(await response.arrayBuffer())));
+      await this.ask(PIXELS, { samples: 4 }, { signal: abort.signal });
       if (!abort.signal.aborted) this.fade(1);
     } catch (error) {
       if ((error as Error).name !== "AbortError") showProblem(error);
     } finally {
-      if (this.abort === abort) this.host.busy(null);
+      if (this.abort === abort) {
+        this.abort = null;
+        this.host.busy(null);
+      }
     }
+  }
+
+  private async ask(pixels: number, camera: { samples: number }, options: { signal?: AbortSignal; client?: string }): Promise<void> {
+    const { viewer } = this.host;
+    const { clientWidth: width, clientHeight: height } = viewer.canvas;
+    const scale = Math.min(1, Math.sqrt(pixels / (width * height)));
+    const resolution = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
+    const scene = { ...toScene(this.host.state()), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
+    const image = this.alone ? "single" : "picture";
+    const response = await api.image(scene, image, { ...options, accept: "application/x-npy" });
+    const values = parseNpy(await response.arrayBuffer());
+    if (!options.signal?.aborted) viewer.setMarch(fromHalf(values));
   }
 
   private fade(to: number): void {

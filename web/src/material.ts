@@ -36,7 +36,8 @@ export const meanFreePath = (sigma_a: Triple, sigma_s: Triple): Triple =>
 
 const encode = (value: number): number =>
   value <= 0.0031308 ? 12.92 * value : 1.055 * Math.max(value, 0) ** (1 / 2.4) - 0.055;
-const decode = (value: number): number => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+/** A value of sRGB in 0..1 as light. */
+export const decode = (value: number): number => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 
 /** A linear colour as #rrggbb. */
 export const toHex = (colour: Triple): string =>

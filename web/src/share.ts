@@ -1,5 +1,6 @@
 // The state in the address: reload or send the link, and the same picture comes back.
 
+import type { Compare } from "./compare";
 import type { State } from "./state";
 import type { Scene } from "./types";
 import type { Pose } from "./view/orbit";
@@ -8,7 +9,7 @@ import type { Pose } from "./view/orbit";
 export interface Shared {
   state?: State;
   pose?: Pose;
-  view?: Record<string, unknown>;
+  view?: { inside?: string; number?: number; compare?: Compare["shared"]; light?: number };
   /** A scene, or a part of one, as text in the address. */
   scene?: Partial<Scene>;
 }

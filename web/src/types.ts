@@ -84,7 +84,15 @@ export interface Methods {
   single_scattering: "none" | "uniform" | "exact";
   march_samples: number;
   transmission?: boolean;
+  octree?: { epsilon: number };
+  poisson?: { taps: number; passes: number; reduction: number };
+  march?: { noise: number; noise_uv: number; deepest_mm: number | null };
 }
+
+/** What the service takes where a scene is silent. */
+export const OCTREE: NonNullable<Methods["octree"]> = { epsilon: 0.05 };
+export const POISSON: NonNullable<Methods["poisson"]> = { taps: 12, passes: 2, reduction: 2 };
+export const MARCH: NonNullable<Methods["march"]> = { noise: 0, noise_uv: 0, deepest_mm: null };
 
 export type Tonemap = "linear" | "agx" | "aces";
 
@@ -135,6 +143,15 @@ export interface Profile {
   mean_free_path_mm: (number | null)[];
   diffusion_length_mm: (number | null)[];
   fit_error: number[];
+  /** Per channel, where Monte Carlo was asked. */
+  monte_carlo: (Rings | null)[];
+}
+
+/** A profile over rings, with its standard error. */
+export interface Rings {
+  r_mm: number[];
+  reflectance_per_mm2: number[];
+  error_per_mm2: number[];
 }
 
 export interface Asset {

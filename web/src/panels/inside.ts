@@ -4,7 +4,8 @@ import { section } from "../controls";
 import { h, icon, plain } from "../dom";
 import type { State } from "../state";
 import type { Showing } from "../types";
-import type { Show, Viewer } from "../view/viewer";
+import type { Show } from "../view/surface";
+import type { Viewer } from "../view/viewer";
 import type { HalfImage } from "../view/npy";
 import { rangeOf } from "../view/npy";
 

@@ -1,6 +1,7 @@
 // The Light tab: setups to start from, and each light.
 
 import { Vector3 } from "three";
+import type { Aim } from "../aim";
 import { colour, type Control, section, slider } from "../controls";
 import { h, icon, iconButton } from "../dom";
 import { distanceOf, expanded, lamp, type Movable, movable, powerField, powerOf, SETUPS, UNITS, withPower } from "../lights";
@@ -21,8 +22,7 @@ const MOST = 8;
 
 export interface LightHost {
   showing(): Showing | null;
-  /** The light that dragging moves. */
-  active: number;
+  aim: Aim;
   select(index: number): void;
 }
 
@@ -66,16 +66,16 @@ export class LightPanel {
   }
 
   private addLight(light: Light): void {
-    this.host.active = this.store.state.lights.length;
+    this.host.aim.active = this.store.state.lights.length;
     this.store.edit((state) => {
       state.lights = [...expanded(state.lights, this.host.showing()), light].slice(0, MOST);
-      this.host.active = state.lights.length - 1;
+      this.host.aim.active = state.lights.length - 1;
     });
   }
 
   sync(): void {
     const { lights } = this.store.state;
-    const structure = JSON.stringify([lights.map((light) => light.type), this.host.active, this.host.showing()?.geometry]);
+    const structure = JSON.stringify([lights.map((light) => light.type), this.host.aim.active, this.host.showing()?.geometry]);
     if (structure !== this.structure) {
       this.structure = structure;
       this.controls = [];
@@ -86,7 +86,7 @@ export class LightPanel {
   private card(light: Light, index: number): HTMLElement {
     const at = (state: State): Light => state.lights[index] ?? light;
     const put = (state: State, next: Light) => void (state.lights[index] = next);
-    const active = index === this.host.active;
+    const active = index === this.host.aim.active;
     const keep = (control: Control) => (this.controls.push(control), control.element);
     const name = NAMES[light.type];
     const title = h(

@@ -4,7 +4,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { section } from "../controls";
 import { h, plain } from "../dom";
-import type { Profile, Showing } from "../types";
+import type { Profile, Rings, Showing } from "../types";
 
 const CHANNELS = ["red", "green", "blue"];
 const DECADES = 2000; // from the nearest distance shown to the farthest
@@ -14,13 +14,14 @@ export class ProfilePanel {
   private readonly plot = h("div", { class: "plot", role: "img" });
   private readonly table = h("table", { class: "numbers" });
   private readonly warnings = h("ul", { class: "advice", "aria-live": "polite" });
+  private readonly photons = h("p", { class: "note", hidden: true }, "Dots: what photons do that are followed one by one (Monte Carlo), twice their error as a bar.");
   private chart: uPlot | null = null;
   private profile: Profile | null = null;
   private showing: Showing | null = null;
 
   constructor() {
     const caption = h("p", { class: "note" }, "Where the light leaves that enters at one point, for red, green and blue. Dashed: a texel.");
-    this.element = section("How far light travels", caption, this.plot, this.warnings, this.table);
+    this.element = section("How far light travels", caption, this.photons, this.plot, this.warnings, this.table);
   }
 
   set(profile: Profile, showing: Showing | null): void {
@@ -52,11 +53,12 @@ export class ProfilePanel {
         { ...axis, label: "distance [mm]", labelSize: 16, labelFont: "11px system-ui", size: 30, values: (_, ticks) => ticks.map((tick) => (Math.abs(Math.log10(tick) - Math.round(Math.log10(tick))) < 1e-6 ? plain(tick) : "")) },
         { ...axis, size: 42, values: (_, ticks) => ticks.map((tick) => `${plain(tick)} %`) },
       ],
-      hooks: { draw: [(chart) => mark(chart, texel, colour("--dim"))] },
+      hooks: { draw: [(chart) => mark(chart, texel, colour("--dim")), (chart) => profile.monte_carlo.forEach((rings, k) => rings && dots(chart, rings, colour(`--${CHANNELS[k]}`)))] },
       series: [{}, ...CHANNELS.map((name) => ({ label: name, stroke: colour(`--${name}`), width: 2, points: { show: false } }))],
     };
     this.chart?.destroy();
     this.chart = new uPlot(options, [rows.map(({ r }) => r), column(0), column(1), column(2)] as uPlot.AlignedData, this.plot);
+    this.photons.hidden = !profile.monte_carlo.some(Boolean);
     const reach = profile.radius_mm["0.9"].map(plain).join(", ");
     this.plot.setAttribute("aria-label", `Scattering profile; nine tenths of the light leave within ${reach} mm for red, green, blue`);
   }
@@ -100,6 +102,30 @@ export class ProfilePanel {
 }
 
 const two = (value: number): string => plain(Number(value.toPrecision(2)));
+
+/** Rings of Monte Carlo, each a dot with a bar of two standard errors up and down. */
+function dots(chart: uPlot, rings: Rings, stroke: string): void {
+  const { ctx, bbox } = chart;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  ctx.strokeStyle = ctx.fillStyle = stroke;
+  ctx.lineWidth = devicePixelRatio;
+  rings.r_mm.forEach((r, i) => {
+    const leaving = (value: number) => chart.valToPos(100 * 2 * Math.PI * r * r * value, "y", true);
+    const x = chart.valToPos(r, "x", true);
+    const [value, error] = [rings.reflectance_per_mm2[i], 2 * rings.error_per_mm2[i]];
+    ctx.beginPath();
+    ctx.moveTo(x, leaving(value - error));
+    ctx.lineTo(x, leaving(value + error));
+    ctx.stroke();
+    ctx.beginPath();
+    ctx.arc(x, leaving(value), 2.2 * devicePixelRatio, 0, 2 * Math.PI);
+    ctx.fill();
+  });
+  ctx.restore();
+}
 
 /** A dashed line at `x`, where it is on the chart. */
 function mark(chart: uPlot, x: number, stroke: string): void {

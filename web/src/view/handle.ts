@@ -1,15 +1,16 @@
 // The sun in the picture: where the light comes from, to be dragged.
 
 import { Vector3 } from "three";
-import { h, icon, s } from "../dom";
+import { h, icon } from "../dom";
 import type { Viewer } from "./viewer";
 
 const REACH = 1.18; // of the object's radius: where the sun hangs
 const MARGIN = 26;
+const CLEAR = 24; // around the sun
+const LINE = 100; // as styled
 
 export class LightHandle {
-  private readonly line = s("line");
-  private readonly svg = s("svg", { class: "light-line", "aria-hidden": "true" }, this.line);
+  private readonly line = h("div", { class: "light-line", "aria-hidden": "true" });
   readonly button = h("button", { type: "button", class: "light-handle", title: "Drag to move the light" }, icon("sun"));
   private direction: Vector3 | null = null;
 
@@ -19,7 +20,7 @@ export class LightHandle {
     events: { turn(yaw: number, pitch: number): void; done(): void },
   ) {
     this.button.setAttribute("aria-label", "Light: drag it, or use the arrow keys");
-    overlay.append(this.svg as unknown as Node, this.button);
+    overlay.append(this.line, this.button);
     let last: { x: number; y: number } | null = null;
     this.button.addEventListener("pointerdown", (event) => {
       event.stopPropagation();
@@ -56,7 +57,7 @@ export class LightHandle {
   place(): void {
     const shown = this.direction !== null && this.viewer.unfolded === 0;
     this.button.hidden = !shown;
-    this.svg.toggleAttribute("hidden", !shown);
+    this.line.hidden = !shown;
     if (!this.direction || !shown) return;
     const { centre, radius } = this.viewer;
     const { clientWidth: width, clientHeight: height } = this.viewer.canvas;
@@ -66,14 +67,11 @@ export class LightHandle {
     const y = Math.min(Math.max(at.y, MARGIN), height - MARGIN);
     this.button.style.transform = `translate(${x}px, ${y}px)`;
     this.button.classList.toggle("behind", !at.front);
-    this.svg.classList.toggle("behind", !at.front);
+    this.line.classList.toggle("behind", !at.front);
+    // moved and stretched, but never painted anew: that costs more than the whole line
     const length = Math.hypot(middle.x - x, middle.y - y);
-    const from = Math.min(24 / Math.max(length, 1), 1);
-    const to = Math.max(0.45, from);
-    const set = (name: string, value: number) => this.line.setAttribute(name, value.toFixed(1));
-    set("x1", x + (middle.x - x) * from);
-    set("y1", y + (middle.y - y) * from);
-    set("x2", x + (middle.x - x) * to);
-    set("y2", y + (middle.y - y) * to);
+    const angle = Math.atan2(middle.y - y, middle.x - x);
+    const drawn = Math.max(0.45 * length - CLEAR, 0);
+    this.line.style.transform = `translate(${x}px, ${y}px) rotate(${angle}rad) translate(${CLEAR}px) scale(${drawn / LINE}, 1)`;
   }
 }

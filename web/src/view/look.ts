@@ -1,9 +1,9 @@
 // How a surface looks besides its baked light: gloss, maps, highlights; two of them can be compared.
 
-import { Matrix3, type Texture, Vector2, Vector3, Vector4 } from "three";
+import { type Texture, Vector2, Vector3, Vector4 } from "three";
 import type { State } from "../state";
 import type { Light, Showing, Triple } from "../types";
-import { LIGHTS, MATRICES, SHOWS } from "./shaders";
+import { LIGHTS } from "./shaders";
 import { blank } from "./textures";
 
 export type MapName = "albedo" | "roughnessMap" | "specularMap" | "normalMap";
@@ -22,7 +22,18 @@ export interface Look {
   normalY: number;
   eta: number;
   transmittance: number;
-  lights: Light[];
+  beams: Beam[];
+  ambient: Vector3;
+}
+
+/** A light as highlights and their shadows see it: from one place, or from far away. */
+export interface Beam {
+  /** [mm], 1; or towards it, 0. */
+  place: Vector4;
+  /** [W/sr × 1e6], or [W/m²]. */
+  power: Vector3;
+  /** Axis, and the cosine of the angle where it ends; -2: it shines everywhere. */
+  cone: Vector4;
 }
 
 export function newLook(): Look {
@@ -37,7 +48,8 @@ export function newLook(): Look {
     normalY: 1,
     eta: 1.3,
     transmittance: 1,
-    lights: [],
+    beams: [],
+    ambient: new Vector3(),
   };
 }
 
@@ -52,22 +64,13 @@ export function dressLook(look: Look, state: State, showing: Showing | null, lig
   look.normalY = surface.normal_y === "-y" ? -1 : 1;
   look.eta = showing?.eta ?? look.eta;
   look.transmittance = showing?.transmittance ?? look.transmittance;
-  look.lights = lights;
+  look.beams = beamsOf(lights);
+  look.ambient.set(0, 0, 0);
+  for (const light of lights)
+    if (light.type === "environment" && !light.map) look.ambient.add(new Vector3(...light.radiance));
 }
 
 const uniform = <T>(value: T) => ({ value });
-
-const rows = (values: number[]): Matrix3 => new Matrix3().set(...(values as Parameters<Matrix3["set"]>));
-
-/** Exposure and tone map, which all materials share. */
-export const toneUniforms = () => ({
-  exposure: uniform(1),
-  tonemap: uniform(0),
-  agxIn: uniform(rows(MATRICES.agx)),
-  agxOut: uniform(rows(MATRICES.agx).invert()),
-  acesIn: uniform(rows(MATRICES.acesIn)),
-  acesOut: uniform(rows(MATRICES.acesOut)),
-});
 
 /** Where the unfolded surface lies. */
 export const sheetUniforms = () => ({
@@ -78,7 +81,6 @@ export const sheetUniforms = () => ({
 });
 
 export const surfaceUniforms = () => ({
-  show: uniform<number>(SHOWS.picture),
   lightA: uniform<Texture>(blank),
   lightB: uniform<Texture>(blank),
   scaleA: uniform(1),
@@ -88,12 +90,6 @@ export const surfaceUniforms = () => ({
   specularMap: uniform<Texture>(blank),
   normalMap: uniform<Texture>(blank),
   march: uniform<Texture>(blank),
-  hasAlbedo: uniform(false),
-  hasRoughness: uniform(false),
-  hasSpecular: uniform(false),
-  hasNormal: uniform(false),
-  albedoRoot: uniform(false),
-  difference: uniform(false),
   viewport: uniform(new Vector2(1, 1)),
   marched: uniform(0),
   normalY: uniform(1),
@@ -103,43 +99,49 @@ export const surfaceUniforms = () => ({
   specular: uniform(1),
   secondLobe: uniform(0),
   range: uniform(new Vector2(0, 1)),
-  lightCount: uniform(0),
   lightPlace: uniform(Array.from({ length: LIGHTS }, () => new Vector4())),
   lightPower: uniform(Array.from({ length: LIGHTS }, () => new Vector3())),
-  lightCone: uniform(Array.from({ length: LIGHTS }, () => new Vector4(0, 0, 1, -2))),
+  lightCone: uniform(Array.from({ length: LIGHTS }, () => new Vector4())),
   ambient: uniform(new Vector3()),
 });
 
 export type SurfaceUniforms = ReturnType<typeof surfaceUniforms>;
 
-const HAS = { albedo: "hasAlbedo", roughnessMap: "hasRoughness", specularMap: "hasSpecular", normalMap: "hasNormal" } as const;
+/** What the shader's defines say of a look. */
+export function lookDefines(look: Look): Record<string, number> & { LIGHTS: number } {
+  const { albedo, roughnessMap, specularMap, normalMap } = look.maps;
+  const defines: Record<string, number> & { LIGHTS: number } = { LIGHTS: look.beams.length };
+  if (albedo) defines.ALBEDO = look.albedoRoot ? 2 : 1;
+  if (roughnessMap) defines.ROUGHNESS_MAP = 1;
+  if (specularMap) defines.SPECULAR_MAP = 1;
+  if (normalMap) defines.NORMAL_MAP = 1;
+  if (albedo || roughnessMap || specularMap || normalMap) defines.SOURCE = 1;
+  if (look.secondLobe > 0) defines.SECOND_LOBE = 1;
+  return defines;
+}
 
 /** Puts a look into the uniforms. */
 export function applyLook(look: Look, to: SurfaceUniforms): void {
   to.lightB.value = look.light;
   to.scaleB.value = look.scale;
-  for (const name of Object.keys(HAS) as MapName[]) {
-    to[name].value = look.maps[name] ?? blank;
-    to[HAS[name]].value = look.maps[name] !== null;
-  }
+  for (const name of Object.keys(look.maps) as MapName[]) to[name].value = look.maps[name] ?? blank;
   for (const name of ["roughness", "specular", "secondLobe", "normalY", "eta", "transmittance"] as const) to[name].value = look[name];
-  to.albedoRoot.value = look.albedoRoot;
-  applyLights(look.lights, to);
+  to.ambient.value.copy(look.ambient);
+  look.beams.forEach(({ place, power, cone }, i) => {
+    to.lightPlace.value[i].copy(place);
+    to.lightPower.value[i].copy(power);
+    to.lightCone.value[i].copy(cone);
+  });
 }
 
-/** The lights that make highlights; those with a size count as points, surroundings as even. */
-function applyLights(lights: Light[], to: SurfaceUniforms): void {
-  const { lightPlace, lightPower, lightCone, ambient } = to;
-  ambient.value.set(0, 0, 0);
-  let count = 0;
+/** The first lights that make highlights; those with a size count as points. */
+function beamsOf(lights: Light[]): Beam[] {
+  const found: Beam[] = [];
   const add = (place: Triple, w: number, power: Triple, factor: number, axis?: Triple, outer_deg = 0) => {
-    if (count >= LIGHTS) return;
-    lightPlace.value[count].set(...place, w);
-    lightPower.value[count].fromArray(power).multiplyScalar(factor);
     const direction = new Vector3(...(axis ?? [0, 0, 1])).normalize();
     const cosine = axis ? Math.cos((outer_deg * Math.PI) / 180) : -2;
-    lightCone.value[count].set(direction.x, direction.y, direction.z, cosine);
-    count++;
+    const cone = new Vector4(...direction.toArray(), cosine);
+    found.push({ place: new Vector4(...place, w), power: new Vector3(...power).multiplyScalar(factor), cone });
   };
   for (const light of lights) {
     if (light.type === "point") add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2);
@@ -152,7 +154,7 @@ function applyLights(lights: Light[], to: SurfaceUniforms): void {
       const across = new Vector3(...light.width_mm).cross(new Vector3(...light.height_mm));
       const area = across.length();
       add(light.position_mm, 1, light.radiance, area, across.normalize().toArray(), 89);
-    } else if (light.type === "environment" && !light.map) ambient.value.add(new Vector3(...light.radiance));
+    }
   }
-  to.lightCount.value = count;
+  return found.slice(0, LIGHTS);
 }

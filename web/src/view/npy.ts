@@ -31,10 +31,22 @@ for (let bits = 0; bits < 65536; bits++) {
 /** The number that half-float bits stand for. */
 export const half = (bits: number): number => TABLE[bits];
 
+/** The half-float bits nearest to a number in 0..1. */
+export function toHalf(value: number): number {
+  let low = 0;
+  let high = 0x3c00; // positive halves sort as their bits do
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (TABLE[middle] <= value) low = middle;
+    else high = middle;
+  }
+  return TABLE[high] - value < value - TABLE[low] ? high : low;
+}
+
 const ONE = 0x3c00;
 
 /** The image as RGBA half floats; grey goes into all colours. */
-export function rgba(image: HalfImage): Uint16Array {
+export function rgba(image: HalfImage): Uint16Array<ArrayBuffer> {
   const { data, channels } = image;
   const count = image.width * image.height;
   const out = new Uint16Array(count * 4);

@@ -1,30 +1,16 @@
-// The object on screen: one draw, redrawn when something changed; no server in the loop.
+// The object on screen, redrawn when something changed; no server in the loop.
 
-import {
-  BufferAttribute,
-  BufferGeometry,
-  DoubleSide,
-  GLSL3,
-  LineSegments,
-  Mesh,
-  PerspectiveCamera,
-  PlaneGeometry,
-  RawShaderMaterial,
-  Scene,
-  ShaderMaterial,
-  type Texture,
-  Vector3,
-  WebGLRenderer,
-} from "three";
+import { type BufferGeometry, PerspectiveCamera, Scene, type Texture, Vector3, WebGLRenderer } from "three";
 import type { Showing, Tonemap, Triple } from "../types";
+import { Backdrop } from "./backdrop";
+import { Cuts } from "./cuts";
 import { framing } from "./framing";
-import { seams } from "./glb";
-import { applyLook, type Look, type MapName, newLook, sheetUniforms, surfaceUniforms, toneUniforms } from "./look";
+import { type Look, type MapName, newLook } from "./look";
 import { Orbit, type OrbitEvents, type Pose } from "./orbit";
-import { BACKDROP, LINES, SHOWS, SURFACE, TONEMAPS } from "./shaders";
-import { blank } from "./textures";
-
-export type Show = keyof typeof SHOWS;
+import { Pace } from "./pace";
+import { type Show, Surface } from "./surface";
+import { blank, mapOf } from "./textures";
+import { TONEMAPS, toneUniforms } from "./tone";
 
 export interface ViewerEvents extends OrbitEvents {
   lost(): void;
@@ -32,12 +18,8 @@ export interface ViewerEvents extends OrbitEvents {
 }
 
 const MOST_PIXELS_PER_PIXEL = 2;
-const SLOW_MS = 40;
-const GOAL_MS = 28;
-const REST_MS = 160;
-const COARSEST = 0.35;
 
-/** Whether there is no graphics card: then drawing every sample of an edge costs too much. */
+/** Whether there is no graphics card: then every pixel and every triangle costs. */
 function software(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -54,149 +36,123 @@ export class Viewer {
   readonly looks: Record<"A" | "B", Look> = { A: newLook(), B: newLook() };
   private readonly scene = new Scene();
   private readonly tone = toneUniforms();
-  private readonly sheet = sheetUniforms();
-  readonly uniforms = surfaceUniforms();
-  private readonly backdrop = { ...this.tone, top: { value: new Vector3() }, bottom: { value: new Vector3() } };
-  private readonly surface: Mesh;
-  private readonly lines: LineSegments;
-  private geometry: BufferGeometry | null = null;
-  private seamsOf: BufferGeometry | null = null;
-  private dirty = true;
+  private readonly surface = new Surface(this.tone);
+  private readonly backdrop = new Backdrop(this.tone);
+  private readonly cuts = new Cuts(this.surface.sheet);
+  private readonly pace: Pace;
+  private readonly calls: Partial<Record<MapName, number>> = {};
   private splitAt: number | null = null;
-  private sharpness = 1;
-  /** Frames drawn so far. */
-  frames = 0;
+  private share = 0; // of the pixels along an edge, in the buffers as they are
 
   constructor(
     readonly canvas: HTMLCanvasElement,
     private readonly frame: HTMLElement,
-    private readonly events: ViewerEvents,
+    events: ViewerEvents,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: !software(), powerPreference: "high-performance" });
-    this.sharpen(1);
-    const uniforms = { ...this.uniforms, ...this.tone, ...this.sheet };
-    const material = { glslVersion: GLSL3, side: DoubleSide, uniforms };
-    const shaders = { vertexShader: SURFACE.vertex, fragmentShader: SURFACE.fragment };
-    this.surface = new Mesh(new BufferGeometry(), new ShaderMaterial({ ...material, ...shaders }));
-    const cuts = { glslVersion: GLSL3, uniforms: this.sheet, vertexShader: LINES.vertex, fragmentShader: LINES.fragment };
-    this.lines = new LineSegments(new BufferGeometry(), new ShaderMaterial(cuts));
-    const back = new RawShaderMaterial({
-      glslVersion: GLSL3,
-      depthTest: false,
-      depthWrite: false,
-      uniforms: this.backdrop,
-      vertexShader: `precision highp float;\nin vec3 position;\n${BACKDROP.vertex}`,
-      fragmentShader: `precision highp float;\nprecision highp int;\n${BACKDROP.fragment}`,
-    });
-    const behind = new Mesh(new PlaneGeometry(2, 2), back);
-    behind.renderOrder = -1;
-    for (const one of [behind, this.surface, this.lines]) one.frustumCulled = false;
-    this.surface.visible = this.lines.visible = false;
-    this.scene.add(behind, this.surface, this.lines);
+    const slow = software();
+    // opaque, so that the browser need not draw what lies behind, nor blend
+    const context = canvas.getContext("webgl2", { alpha: false, antialias: !slow, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, context: context ?? undefined });
+    this.scene.add(this.backdrop.mesh, this.surface.mesh, this.cuts.lines);
+    this.pace = new Pace(
+      slow,
+      (quickly) => this.draw(quickly),
+      () => this.prepare(),
+    );
     this.orbit = new Orbit(this.camera, frame, {
       ...events,
       moved: () => {
-        this.redraw();
+        this.redraw(true);
         events.moved();
       },
     });
-    new ResizeObserver(() => this.resize()).observe(frame);
-    this.resize();
+    const resize = () => {
+      const { clientWidth: width, clientHeight: height } = this.frame;
+      if (!width || !height) return;
+      this.sharpen(1, true);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      this.draw(false); // at once: a resized canvas is blank until drawn
+      events.moved();
+    };
+    new ResizeObserver(resize).observe(frame);
+    resize();
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault(); // else it would not come back
       events.lost();
     });
     canvas.addEventListener("webglcontextrestored", () => {
+      this.surface.forget();
       this.redraw();
       events.restored();
     });
-    let before = 0;
-    let moved = 0;
-    const loop = (now: number) => {
-      if (this.dirty) {
-        // frames one after the other that take too long are drawn coarser until things rest
-        const took = before ? now - before : 0;
-        if (took > SLOW_MS && this.sharpness > COARSEST)
-          this.sharpen(Math.max(this.sharpness * Math.sqrt(GOAL_MS / took), COARSEST)); // time goes with pixels
-        before = moved = now;
-        this.draw();
-      } else {
-        before = 0;
-        if (this.sharpness < 1 && now - moved > REST_MS) {
-          this.sharpen(1);
-          this.draw();
-        }
-      }
-      requestAnimationFrame(loop);
-    };
-    requestAnimationFrame(loop);
   }
 
-  /** Pixels drawn per pixel of the screen, along an edge, as a share of all. */
-  private sharpen(share: number): void {
-    this.sharpness = share;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXELS_PER_PIXEL) * share);
+  /** Uniforms that all materials of the surface share. */
+  get uniforms(): Surface["uniforms"] {
+    return this.surface.uniforms;
+  }
+
+  private prepare(): void {
+    // Safari has no idle callbacks
+    (window.requestIdleCallback ?? setTimeout)(() => this.surface.examine());
+  }
+
+  /** Draws this share of the pixels along an edge. */
+  private sharpen(share: number, anew = false): void {
+    if (share === this.share && !anew) return;
+    this.share = share;
+    const { clientWidth: width, clientHeight: height } = this.frame;
+    this.renderer.setDrawingBufferSize(width, height, Math.min(devicePixelRatio, MOST_PIXELS_PER_PIXEL) * share);
     this.renderer.getDrawingBufferSize(this.uniforms.viewport.value);
   }
 
-  /** Asks for a new frame. */
-  redraw(): void {
-    this.dirty = true;
+  /** Asks for a new frame; `moving`: more will follow. */
+  redraw(moving = false): void {
+    this.pace.ask(moving);
   }
 
-  draw(): void {
-    this.dirty = false;
-    this.frames++;
-    const { renderer } = this;
-    const side = (look: Look) => {
-      applyLook(look, this.uniforms);
+  /** Draws now. `quickly`: with fewer pixels and triangles, where there is no time. */
+  draw(quickly = false): void {
+    const { renderer, surface } = this;
+    this.sharpen(quickly ? this.pace.share : 1);
+    const side = (name: "A" | "B") => {
+      surface.dress(renderer, this.camera, name, this.looks[name], quickly);
       renderer.render(this.scene, this.camera);
     };
-    if (this.splitAt === null || this.uniforms.difference.value) {
+    if (this.splitAt === null || surface.difference) {
       this.uniforms.lightA.value = this.looks.A.light;
       this.uniforms.scaleA.value = this.looks.A.scale;
-      side(this.looks.B);
+      side("B");
       return;
     }
     const { clientWidth: width, clientHeight: height } = this.frame;
     const left = Math.round(width * this.splitAt);
     const { marched } = this.uniforms;
     const blend = marched.value;
+    const only = (x: number, wide: number) => renderer.setScissor(x, 0, wide, height);
     renderer.setScissorTest(true);
-    renderer.setScissor(0, 0, left, height);
+    only(0, left);
     marched.value = 0;
-    side(this.looks.A);
-    renderer.setScissor(left, 0, width - left, height);
+    side("A");
+    only(left, width - left);
     marched.value = blend;
-    side(this.looks.B);
+    side("B");
     renderer.setScissorTest(false);
   }
 
-  private resize(): void {
-    const { clientWidth: width, clientHeight: height } = this.frame;
-    if (!width || !height) return;
-    this.renderer.setSize(width, height, false);
-    this.renderer.getDrawingBufferSize(this.uniforms.viewport.value);
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
-    this.draw(); // at once: a resized canvas is blank until drawn
-    this.events.moved();
-  }
-
   setGeometry(geometry: BufferGeometry): void {
-    this.geometry?.dispose();
-    this.geometry = this.surface.geometry = geometry;
-    this.surface.visible = true;
-    this.showSeams(this.lines.visible);
-    this.redraw();
+    this.surface.setGeometry(geometry);
+    this.showSeams(this.cuts.lines.visible);
+    if (this.pace.slow) this.prepare();
   }
 
   get centre(): Vector3 {
-    return this.geometry?.boundingSphere?.center ?? new Vector3();
+    return this.surface.geometry?.boundingSphere?.center ?? new Vector3();
   }
 
   get radius(): number {
-    return this.geometry?.boundingSphere?.radius ?? 1;
+    return this.surface.geometry?.boundingSphere?.radius ?? 1;
   }
 
   setPose(pose: Pose): void {
@@ -205,45 +161,45 @@ export class Viewer {
 
   /** The camera from `direction` that sees the whole object in this window. */
   framing(direction: Triple, fov_y_deg: number): Pose | null {
-    return this.geometry && framing(this.geometry, direction, fov_y_deg, this.camera.aspect);
+    const { geometry } = this.surface;
+    return geometry && framing(geometry, direction, fov_y_deg, this.camera.aspect);
   }
 
   /** The baked light [W/m²] on one side of the comparison. */
   setLight(side: "A" | "B", texture: Texture): void {
     const look = this.looks[side];
-    this.discard(look.light, texture);
+    discard(look.light, texture);
     look.light = texture;
     look.scale = texture.userData.scale ?? 1;
     this.redraw();
   }
 
-  setMap(name: MapName, texture: Texture | null): void {
+  /** A coded image, or none, as a map of the surface; of two calls the later counts. */
+  async setMap(name: MapName, coded: Blob | null, srgb: boolean): Promise<void> {
     const { A, B } = this.looks;
+    const call = (this.calls[name] = (this.calls[name] ?? 0) + 1);
+    const texture = coded && (await mapOf(coded, srgb, this.pace.slow));
+    if (call !== this.calls[name]) return;
     if (B.maps[name] && A.maps[name] !== B.maps[name]) B.maps[name].dispose();
     B.maps[name] = texture;
     this.redraw();
   }
 
-  private discard(old: Texture, texture: Texture): void {
-    if (old !== texture && old !== blank) old.dispose();
-  }
-
   setOutput(exposure_ev: number, tonemap: Tonemap): void {
     this.tone.exposure.value = 2 ** exposure_ev;
-    this.tone.tonemap.value = TONEMAPS[tonemap];
+    this.surface.tonemap = TONEMAPS[tonemap];
+    this.backdrop.setTonemap(tonemap);
     this.redraw();
   }
 
   setBackground(background: Showing["background"]): void {
-    const pair = Array.isArray(background[0]) ? (background as [Triple, Triple]) : [background, background];
-    this.backdrop.top.value.fromArray(pair[0] as Triple);
-    this.backdrop.bottom.value.fromArray(pair[1] as Triple);
+    this.backdrop.setLight(background);
     this.redraw();
   }
 
   /** What the surface shows; `range`: the ends of the colours of data. */
   setShow(show: Show, range: [number, number] = [0, 1]): void {
-    this.uniforms.show.value = SHOWS[show];
+    this.surface.show = show;
     this.uniforms.range.value.fromArray(range);
     this.redraw();
   }
@@ -251,20 +207,21 @@ export class Viewer {
   /** Where A ends and B begins, 0..1 of the width; null: B alone. */
   setSplit(at: number | null): void {
     this.splitAt = at;
-    this.redraw();
+    this.redraw(true);
   }
 
   /** |B - A| in place of both; `most`: radiance of the brightest colour. */
   setDifference(on: boolean, most = 1): void {
-    this.uniforms.difference.value = on;
+    this.surface.difference = on;
     if (on) this.uniforms.range.value.set(0, most);
     this.redraw();
   }
 
   /** The service's picture of this view, and how much of it is shown. */
   setMarch(texture: Texture): void {
-    this.discard(this.uniforms.march.value, texture);
+    discard(this.uniforms.march.value, texture);
     this.uniforms.march.value = texture;
+    this.redraw();
   }
 
   setMarched(share: number): void {
@@ -273,18 +230,18 @@ export class Viewer {
   }
 
   get unfolded(): number {
-    return this.sheet.unfold.value;
+    return this.surface.sheet.unfold.value;
   }
 
   /** 0: the object, 1: its surface laid out flat, facing the camera as it stands now. */
   setUnfold(amount: number): void {
-    if (this.sheet.unfold.value === 0 && amount > 0) this.faceSheet();
-    this.sheet.unfold.value = amount;
-    this.redraw();
+    if (this.unfolded === 0 && amount > 0) this.faceSheet();
+    this.surface.sheet.unfold.value = amount;
+    this.redraw(true);
   }
 
   private faceSheet(): void {
-    const { sheetCentre, sheetRight, sheetUp } = this.sheet;
+    const { sheetCentre, sheetRight, sheetUp } = this.surface.sheet;
     const distance = this.camera.position.distanceTo(this.orbit.target);
     const height = 2 * distance * Math.tan((this.camera.fov * Math.PI) / 360);
     const side = 0.92 * height * Math.min(1, this.camera.aspect);
@@ -294,16 +251,7 @@ export class Viewer {
   }
 
   showSeams(on: boolean): void {
-    this.lines.visible = on;
-    if (on && this.geometry && this.seamsOf !== this.geometry) {
-      const found = seams(this.geometry);
-      const geometry = new BufferGeometry();
-      geometry.setAttribute("position", new BufferAttribute(found.positions, 3));
-      geometry.setAttribute("atlas", new BufferAttribute(found.uv, 2));
-      this.lines.geometry.dispose();
-      this.lines.geometry = geometry;
-      this.seamsOf = this.geometry;
-    }
+    this.cuts.show(on, this.surface.geometry);
     this.redraw();
   }
 
@@ -318,7 +266,6 @@ export class Viewer {
 
   /** The frame on screen as a PNG. */
   async screenshot(): Promise<Blob> {
-    this.sharpen(1);
     this.draw(); // the buffer is only sure to hold the frame in the task that drew it
     return new Promise((done, fail) =>
       this.canvas.toBlob((blob) => (blob ? done(blob) : fail(new Error("no picture"))), "image/png"),
@@ -327,7 +274,6 @@ export class Viewer {
 
   /** Pixels of the frame as drawn now, RGBA from the bottom up. */
   pixels(): { width: number; height: number; data: Uint8Array } {
-    this.sharpen(1);
     this.draw();
     const gl = this.renderer.getContext();
     const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
@@ -335,4 +281,8 @@ export class Viewer {
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, data);
     return { width, height, data };
   }
+}
+
+function discard(old: Texture, texture: Texture): void {
+  if (old !== texture && old !== blank) old.dispose();
 }

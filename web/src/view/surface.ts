@@ -1,0 +1,83 @@
+// The object's surface: its mesh, and a material for what is asked of it.
+
+import { BufferGeometry, type Camera, DoubleSide, GLSL3, Matrix3, Mesh, ShaderMaterial, type WebGLRenderer } from "three";
+import { Ball } from "./ball";
+import { applyLook, type Look, lookDefines, sheetUniforms, surfaceUniforms } from "./look";
+import { FRAGMENT, SHOWS, VERTEX } from "./shaders";
+import { Shadows } from "./shadows";
+import { Turned } from "./solid";
+import type { toneUniforms } from "./tone";
+
+export type Show = keyof typeof SHOWS;
+
+export class Surface {
+  readonly sheet = sheetUniforms();
+  readonly uniforms = surfaceUniforms();
+  readonly mesh = new Mesh();
+  geometry: BufferGeometry | null = null;
+  show: Show = "picture";
+  difference = false;
+  tonemap = 0;
+  private turned: Turned | null = null;
+  private examined = false;
+  private readonly ball = new Ball();
+  private readonly shadows = { A: new Shadows(), B: new Shadows() };
+  private readonly materials = new Map<string, ShaderMaterial>(); // by their defines
+
+  constructor(private readonly tone: ReturnType<typeof toneUniforms>) {
+    this.mesh.frustumCulled = this.mesh.visible = false;
+  }
+
+  setGeometry(geometry: BufferGeometry): void {
+    this.geometry?.dispose();
+    this.geometry = geometry;
+    this.turned = null;
+    this.examined = false;
+    this.mesh.visible = true;
+  }
+
+  /** Finds out whether faces that turn away can be left out; for those who draw slowly. */
+  examine(): void {
+    if (!this.geometry || this.examined) return;
+    this.examined = true;
+    this.turned = Turned.of(this.geometry);
+  }
+
+  /** The shadows are to be drawn again. */
+  forget(): void {
+    for (const side of ["A", "B"] as const) this.shadows[side].forget();
+  }
+
+  /** Puts a side's look on the mesh, as `camera` will see it. */
+  dress(renderer: WebGLRenderer, camera: Camera, side: "A" | "B", look: Look, quickly: boolean): void {
+    const { geometry, mesh, turned } = this;
+    if (!geometry) return;
+    const flat = this.sheet.unfold.value > 0;
+    const plain = this.show === "picture" && !this.difference;
+    const marched = plain && this.uniforms.marched.value > 0;
+    const shadows = this.shadows[side];
+    const defines: Record<string, number> & { LIGHTS: number } = { ...lookDefines(look), TONEMAP: this.tonemap, SHOW: SHOWS[this.show] };
+    applyLook(look, this.uniforms);
+    if (this.difference) defines.DIFFERENCE = 1;
+    if (marched) defines.MARCHED = 1;
+    if (quickly && plain && !marched && !flat) {
+      defines.QUICK = 1;
+      this.ball.draw(renderer, this.uniforms, defines, new Matrix3().setFromMatrix4(camera.matrixWorld), geometry.boundingSphere!.center);
+    } else if (plain) defines.SHADOWS = shadows.update(renderer, geometry, look.beams);
+    const material = (mesh.material = this.material(defines));
+    Object.assign(material.uniforms, shadows.uniforms);
+    if (turned && !flat) turned.towards(camera.position);
+    mesh.geometry = turned && !flat ? turned.geometry : geometry;
+  }
+
+  private material(defines: Record<string, number>): ShaderMaterial {
+    const key = JSON.stringify(Object.entries(defines).sort());
+    const known = this.materials.get(key);
+    if (known) return known;
+    const uniforms = { ...this.uniforms, ...this.tone, ...this.sheet, ...this.ball.uniforms };
+    const shaders = { vertexShader: VERTEX, fragmentShader: FRAGMENT };
+    const made = new ShaderMaterial({ glslVersion: GLSL3, side: DoubleSide, defines: { SHADOWS: 0, ...defines }, uniforms, ...shaders });
+    this.materials.set(key, made);
+    return made;
+  }
+}
