@@ -28,6 +28,7 @@ MAY_IMPORT = {
     "cache": {"errors", "types"},
     "specs": {"errors", "types"},
     "scene": {"errors", "types", "specs"},
+    "gallery": {"errors", "scene"},
     "resolve": ROOMS | {"scene", "specs"},
     "placing": ROOMS | {"scene", "specs", "resolve"},
     "look": ROOMS | {"specs", "resolve"},
@@ -55,7 +56,7 @@ MAY_IMPORT = {
     "openmp": set(),
     "cli": {
         *("openmp", "baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors"),
-        "cache",
+        *("cache", "gallery"),
     },
     "__init__": set(),
 }
@@ -64,6 +65,7 @@ MAY_IMPORT = {
 SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
     *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "estimate", "curve"),
+    "gallery",
 }
 
 

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
-from texsss import openmp  # noqa: F401 - before torch
+from texsss import gallery, openmp  # noqa: F401 - before torch
 from texsss.errors import AssetError, TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
@@ -193,9 +193,19 @@ def serve(
 
 
 @scene_app.command("init")
-def scene_init() -> None:
-    """Prints the default scene, every field stated: texsss scene init > scene.json"""
-    print(Scene().to_json(), end="")
+def scene_init(
+    name: Annotated[
+        str | None, typer.Argument(help="A shipped scene, see list; the default if left out.")
+    ] = None,
+) -> None:
+    """Prints a scene to start from, every field stated: texsss scene init > scene.json"""
+    print((Scene() if name is None else gallery.scene(name)).to_json(), end="")
+
+
+@scene_app.command("list")
+def scene_list() -> None:
+    """Lists the shipped scenes."""
+    show_table("Scenes", {name: gallery.scene(name).summary for name in gallery.names()})
 
 
 def say(kind: str, colour: str, sentence: str) -> None:

@@ -63,11 +63,13 @@ class _Told(type(Model)):
 class Scene(Model, metaclass=_Told):
     """Everything a bake depends on, as plain values. `Scene()` is the default scene.
 
+    `summary`: what it shows, for people.
     A scene without a mesh takes our own, and with it those of its maps, atlas, material,
     lights, camera, methods and output that the scene does not state.
     """
 
     version: Literal[1] = SCHEMA_VERSION
+    summary: Annotated[str, Field(max_length=500)] = ""
     mesh: MeshField = MeshSpec(**DEFAULT_OBJECT["mesh"])
     atlas: AtlasSpec = AtlasSpec()
     maps: dict[str, MapSpec] = Field(default_factory=dict)

@@ -6,6 +6,7 @@ from texsss_server.openapi import EXAMPLES, scene_schema
 from texsss_server.problems import responses
 from texsss_server.service import TheService
 
+from texsss import gallery
 from texsss.scene import Scene
 
 router = APIRouter(responses=responses())
@@ -40,13 +41,18 @@ async def presets(request: Request, service: TheService) -> list[Preset]:
 @router.get("/v1/scenes", summary="Scenes to start from")
 async def scenes() -> list[ExampleScene]:
     """Scenes that render as they are; the first is the default, every field stated."""
-    named = [(name, one["summary"], one["value"]) for name, one in EXAMPLES.items()]
-    return [ExampleScene(name=name, summary=summary, scene=_plain(value)) for name, summary, value in named]
+    shipped = {name: gallery.scene(name) for name in gallery.names()}
+    named = {name: (one["summary"], Scene.parse(one["value"])) for name, one in EXAMPLES.items()}
+    named |= {name: (scene.summary, scene) for name, scene in shipped.items()}
+    return [
+        ExampleScene(name=name, summary=summary, scene=_plain(scene))
+        for name, (summary, scene) in named.items()
+    ]
 
 
-def _plain(value: dict) -> dict:
+def _plain(scene: Scene) -> dict:
     """Every field stated but those that are None, of which none is the same as leaving it out."""
-    return Scene.parse(value).model_dump(mode="json", exclude_none=True)
+    return scene.model_dump(mode="json", exclude_none=True)
 
 
 @router.get("/v1/schema", summary="JSON schema of a scene")

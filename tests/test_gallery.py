@@ -1,0 +1,39 @@
+"""The scenes that texsss ships work as they are, and each of their layers tells in the picture."""
+
+import pytest
+
+from texsss import gallery
+from texsss.baker import Baker
+from texsss.errors import AssetError
+from texsss.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def baker() -> Baker:
+    return Baker()
+
+
+def small(name: str, **more) -> Scene:
+    data = gallery.scene(name).model_dump(mode="json", exclude_none=True)
+    data["methods"]["diffusion"] = "uv"
+    return Scene.parse(data | {"atlas": {"size": 128}} | more)
+
+
+@pytest.mark.parametrize("name", gallery.names())
+def test_every_layer_of_a_shipped_scene_tells(name, baker):
+    """Without its top layer, or without what is painted below, the object looks another."""
+    scene = small(name)
+    assert scene.summary
+    whole = baker.bake(scene).exitance
+    assert float(whole.std()) > 0.05, "lit, and not the same all over"
+    layers = scene.model_dump(mode="json")["material"]["layers"]
+    for k in range(len(layers)):
+        without = layers[:k] + layers[k + 1 :]
+        other = baker.bake(small(name, material={"layers": without})).exitance
+        assert float((whole - other).norm() / whole.norm()) > 0.02
+
+
+def test_names_are_listed():
+    with pytest.raises(AssetError, match="veined-marble"):
+        gallery.scene("veined")
+    assert "veined-marble" in gallery.names()
