@@ -9,6 +9,8 @@ from typing import Any
 
 from texsss.scene import Scene
 
+VERSION = version("texsss")  # looked up in files, which takes longer than a whole answer that is kept
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -22,9 +24,7 @@ class Answer:
 
 def etag(scene: Scene, media_type: str, **options: Any) -> str:
     """A strong ETag: equal scenes, options and formats give equal bytes in one version of texsss."""
-    named = json.dumps(
-        [version("texsss"), media_type, options, scene.model_dump(mode="json")], sort_keys=True
-    )
+    named = json.dumps([VERSION, media_type, options, scene.model_dump(mode="json")], sort_keys=True)
     return f'"{hashlib.sha256(named.encode()).hexdigest()[:32]}"'
 
 

@@ -171,8 +171,8 @@ async def _gone(request: Request) -> None:
         pass
 
 
-def the_service(request: Request) -> Service:
-    """The service of an app, for routes."""
+async def the_service(request: Request) -> Service:
+    """The service of an app, for routes; plain functions would be run in a thread."""
     return request.app.state.service
 
 
