@@ -13,7 +13,18 @@ from texsss.curve import presets
 from texsss.scene import Scene
 from texsss.specs import OutputSpec
 
-DATA = ("coverage", "position", "normal", "texel-mm", "weight", "thickness")
+LIGHT = (
+    "picture",
+    "irradiance",
+    "diffused",
+    "exitance",
+    "radiance",
+    "single",
+    "albedo",
+    "gaussian",
+    "seam-jump",
+)
+"""Images that are exposed and tone mapped to be seen; all others are data, scaled from least to greatest."""
 
 
 class Engine:
@@ -37,8 +48,8 @@ class Engine:
         else:
             values = self.baker.intermediate(scene, image, **hooks)
         if media_type not in LINEAR:
-            is_data = image.startswith(DATA)
-            values = ranged(values) if is_data else self.baker.display(scene, values)
+            is_light = image.startswith(LIGHT)
+            values = self.baker.display(scene, values) if is_light else ranged(values)
         body = encoded(values, media_type)
         return Answer(body, media_type, f"{image}.{PICTURES[media_type]}", turn.seconds)
 

@@ -132,6 +132,7 @@ def test_the_api_is_as_it_describes_itself(server, operations):
             case.call_and_validate(base_url=server.url, checks=checks, timeout=60)
 
         check()
+    print(f"{count} cases")
     assert count >= 80
 
 
