@@ -1,5 +1,6 @@
 """Fixtures for all rooms."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,13 @@ from pathlib import Path
 import pytest
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_shelf(tmp_path_factory):
+    """Nothing is kept on disk for later, nor found there."""
+    os.environ["TEXSSS_CACHE_DIR"] = str(tmp_path_factory.mktemp("cache"))
+    os.environ["TEXSSS_DISK_MB"] = "0"
 
 
 @pytest.fixture(scope="session")

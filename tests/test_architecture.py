@@ -25,7 +25,8 @@ MAY_IMPORT = {
     "profiles": BASE | {"media", "profiles"},
     "transport": BASE | {"surface", "media", "light", "profiles", "transport"},
     "view": BASE | {"surface", "media", "light", "view"},
-    "cache": {"errors", "types"},
+    "shelf": {"errors", "types"},
+    "cache": {"errors", "types", "shelf"},
     "specs": {"errors", "types"},
     "scene": {"errors", "types", "specs"},
     "gallery": {"errors", "scene"},
@@ -46,7 +47,7 @@ MAY_IMPORT = {
     "curve": ROOMS | {"pipeline", "resolve"},
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {
-        *("errors", "types", "scene", "cache", "resolve", "result", "pipeline", "view"),
+        *("errors", "types", "scene", "cache", "shelf", "resolve", "result", "pipeline", "view"),
         *("curve", "inspection", "intermediates", "showing"),
     },
     "compare": {"errors", "types", "scene", "baker", "result", "io"},
@@ -56,7 +57,7 @@ MAY_IMPORT = {
     "openmp": set(),
     "cli": {
         *("openmp", "baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors"),
-        *("cache", "gallery"),
+        *("cache", "gallery", "shelf"),
     },
     "__init__": set(),
 }

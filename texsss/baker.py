@@ -7,10 +7,11 @@ from texsss.curve import curve
 from texsss.errors import DomainError
 from texsss.inspection import inspect
 from texsss.intermediates import intermediate
-from texsss.pipeline import Run
+from texsss.pipeline import KINDS, Run
 from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene
+from texsss.shelf import Shelf, users_shelf
 from texsss.showing import model, showing
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
@@ -19,12 +20,15 @@ from texsss.view.tonemap import tonemap
 class Baker:
     """Runs the stages of scenes in order and keeps their results, at most `cache_bytes` in all.
 
-    `assets` finds the file of an uploaded asset by its sha256, for scenes that name some.
+    `shelf` keeps those that are dear on disk, from one run to the next (`lasting_shelf()`). `assets` finds
+    the file of an uploaded asset by its sha256, for scenes that name some.
     Not for use from several threads at once. Raises TexsssError: whatever a stage says of its input.
     """
 
-    def __init__(self, cache_bytes: int = 4 << 30, *, assets: Assets | None = None):
-        self.cache = StageCache(cache_bytes)
+    def __init__(
+        self, cache_bytes: int = 4 << 30, *, assets: Assets | None = None, shelf: Shelf | None = None
+    ):
+        self.cache = StageCache(cache_bytes, shelf)
         self.assets = assets
 
     def bake(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
@@ -88,6 +92,11 @@ class Baker:
                 "make one by Scene.load(path) or Scene.parse(data)."
             )
         return Run(self.cache, scene, progress, cancel, self.assets)
+
+
+def lasting_shelf() -> Shelf:
+    """The user's shelf for results that are dear; see `texsss.shelf`."""
+    return users_shelf(KINDS)
 
 
 def bake(scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:

@@ -10,6 +10,8 @@ from typing import Any
 import torch
 from pydantic import BaseModel
 
+from texsss.shelf import Shelf
+
 
 @dataclass(frozen=True)
 class Kept:
@@ -60,11 +62,12 @@ class StageCache:
     """A least-recently-used store of results, at most `max_bytes` in all.
 
     Their tensors count, and what they say they hold beside them, by an attribute `held_bytes`.
-    Results that hold a tensor which requires grad are never kept: they belong to one graph.
+    Results that hold a tensor which requires grad are never kept: they belong to one graph. Those that
+    are to last are kept on the `shelf`, too, if there is one.
     """
 
-    def __init__(self, max_bytes: int):
-        self.max_bytes = max_bytes
+    def __init__(self, max_bytes: int, shelf: Shelf | None = None):
+        self.max_bytes, self.shelf = max_bytes, shelf
         self._kept: OrderedDict[str, tuple[Any, int]] = OrderedDict()
         self._lock = Lock()
 
@@ -73,17 +76,25 @@ class StageCache:
         """Bytes kept now."""
         return sum(size for _, size in self._kept.values())
 
-    def get_or_make(self, key: str, make: Callable[[], Any]) -> tuple[Any, bool]:
-        """The result under `key`, made if it isn't there, and whether it had to be made."""
+    def get_or_make(self, key: str, make: Callable[[], Any], *, lasts: bool = False) -> tuple[Any, bool]:
+        """The result under `key`, made if it isn't there, and whether it had to be made.
+
+        `lasts`: whether it is worth a place on the shelf.
+        """
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key][0], False
-        value = make()
+        shelf = self.shelf if lasts else None
+        found = None if shelf is None else shelf.get(key)
+        value = make() if found is None else found
         tensors = list(_tensors(value))
         if not any(tensor.requires_grad for tensor in tensors):
             storages = {t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors}
-            self._keep(key, value, sum(storages.values()) + getattr(value, "held_bytes", 0))
+            size = sum(storages.values()) + getattr(value, "held_bytes", 0)
+            self._keep(key, value, size)
+            if shelf is not None and found is None:
+                shelf.put(key, value, size)
         return value, True
 
     def _keep(self, key: str, value: Any, size: int) -> None:

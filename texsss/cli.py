@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -46,10 +47,10 @@ def bake(
 
         show_table("Expected", estimate(scene))
         return
-    from texsss.baker import Baker  # torch takes its time: not for --help
+    from texsss.baker import Baker, lasting_shelf  # torch takes its time: not for --help
 
     with shown_progress() as progress:
-        baked = Baker().bake(scene, progress=progress)
+        baked = Baker(shelf=lasting_shelf()).bake(scene, progress=progress)
         for note in baked.report["notes"]:
             say("note", "yellow", note)
         written = baked.save(out, progress=progress)
@@ -65,10 +66,10 @@ def render(
 ) -> None:
     """Renders the picture of a scene alone."""
     image_name(out)
-    from texsss.baker import Baker
+    from texsss.baker import Baker, lasting_shelf
 
     with shown_progress() as progress:
-        Baker().bake(scene, progress=progress).save_picture(out)
+        Baker(shelf=lasting_shelf()).bake(scene, progress=progress).save_picture(out)
     print(out)
 
 
@@ -190,6 +191,31 @@ def serve(
     from texsss_server.settings import of_options  # pyright: ignore[reportMissingImports]
 
     run(of_options(host=host, port=port, threads=threads, cache_mb=cache_mb, log_format=log_format))
+
+
+@app.command("cache")
+def cache_command(
+    clear: Annotated[bool, typer.Option("--clear", help="Take everything away.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
+) -> None:
+    """Lists what is kept on disk between runs, and how large it is; TEXSSS_DISK_MB bounds it."""
+    from texsss.shelf import users_shelf
+
+    shelf = users_shelf()
+    removed = shelf.clear() if clear else 0
+    items = shelf.items()
+    total = sum(item.bytes for item in items)
+    if as_json:
+        listed = [{"name": item.path.name, "bytes": item.bytes, "used": item.used} for item in items]
+        found = {"folder": str(shelf.folder), "bytes": total, "max_bytes": shelf.max_bytes, "items": listed}
+        print(json.dumps(found | {"removed": removed}, indent=2))
+        return
+    rows = {"folder": str(shelf.folder), "size": f"{total / 1e6:.0f} of {shelf.max_bytes / 1e6:.0f} MB"}
+    rows |= {"removed": f"{removed} files"} if clear else {}
+    for item in items:
+        used = time.strftime("%F %R", time.localtime(item.used))
+        rows[item.path.stem] = f"{item.bytes / 1e6:.0f} MB, used {used}"
+    show_table("Kept on disk", rows)
 
 
 @scene_app.command("init")

@@ -15,15 +15,18 @@ from texsss import placing
 from texsss.cache import Kept
 from texsss.hierarchy import Hierarchy
 from texsss.look import scattered_once, seer, share_of, shower, tinted
+from texsss.numerics.sparse import Sparse
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
 from texsss.transport.bank import Bank, Diffusion, diffusion, exitance, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.doubts import doubts
+from texsss.transport.lattice import Blur
+from texsss.transport.levels import Level
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
-from texsss.transport.operators import surface_operators
+from texsss.transport.operators import Operators, Step, surface_operators
 from texsss.transport.poisson import diffuse_poisson
 from texsss.transport.through import Across, on_one_side, transmitted
 from texsss.types import Float, Tensor
@@ -32,6 +35,7 @@ from texsss.view.picture import centre_hits, picture
 from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
+KINDS = (Operators, Step, Level, Blur, Sparse)  # what results that last on disk are made of
 BUDGET_BYTES = 6e9  # for the operators of surface diffusion
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 ADVISED = 4096  # texels at which a varying material is looked at for advice

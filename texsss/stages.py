@@ -33,6 +33,9 @@ STAGE_VERSIONS = {
 }
 """Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
 
+LASTING = {"operators"}
+"""Stages whose results are dear enough to be kept on disk."""
+
 
 class Stages:
     """The stages of one scene; each is made once, or taken from `cache`."""
@@ -52,7 +55,7 @@ class Stages:
             return self.made[key]
         self.tell(name, 0.0)
         start = time.perf_counter()
-        value, fresh = self.cache.get_or_make(key, make)
+        value, fresh = self.cache.get_or_make(key, make, lasts=name in LASTING)
         if fresh:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.tell(name, 1.0)
