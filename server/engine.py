@@ -13,17 +13,7 @@ from texsss.curve import presets
 from texsss.scene import Scene
 from texsss.specs import OutputSpec
 
-LIGHT = (
-    "picture",
-    "irradiance",
-    "diffused",
-    "exitance",
-    "radiance",
-    "single",
-    "albedo",
-    "gaussian",
-    "seam-jump",
-)
+LIGHT = ("picture", "irradiance", "diffused", "exitance", "radiance", "single", "albedo", "gaussian")
 """Images that are exposed and tone mapped to be seen; all others are data, scaled from least to greatest."""
 
 
