@@ -15,7 +15,6 @@ from texsss.errors import (
     LimitError,
     ShapeError,
     TexsssError,
-    Unavailable,
 )
 
 
@@ -61,7 +60,6 @@ SLUGS: dict[type[TexsssError], str] = {
     AssetError: "invalid-parameters",
     ShapeError: "invalid-parameters",
     DomainError: "invalid-parameters",
-    Unavailable: "invalid-parameters",
     ConvergenceError: "no-convergence",
     Cancelled: "render-timeout",
 }

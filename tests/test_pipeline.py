@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from texsss.baker import Baker, bake
-from texsss.errors import AssetError, Cancelled, DomainError, ShapeError, Unavailable
+from texsss.errors import AssetError, Cancelled, DomainError, ShapeError
 from texsss.io.images import read_image, write_png
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
@@ -194,11 +194,6 @@ def test_maps_need_texture_coordinates(tmp_path, small):
     data = {"mesh": str(path), "maps": {"albedo": albedo}, "material": {"surface": {"albedo": "albedo"}}}
     with pytest.raises(ShapeError, match="no texture coordinates"):
         bake(Scene.parse({**small, **data}))
-
-
-def test_methods_to_come_are_refused_by_name(small):
-    with pytest.raises(Unavailable, match="parallax"):
-        bake(Scene.parse({**small, "methods": {"diffusion": "parallax"}}))
 
 
 def test_unknown_builtin_lists_the_choices(small):

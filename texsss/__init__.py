@@ -16,7 +16,6 @@ _HOMES = {
     "ShapeError": "errors",
     "Stack": "media.stack",
     "TexsssError": "errors",
-    "Unavailable": "errors",
     "bake": "baker",
     "fit_gaussians": "profiles.fit",
     "hankel_profiles": "profiles.hankel",

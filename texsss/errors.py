@@ -36,9 +36,5 @@ class ConvergenceError(TexsssError):
     """An iteration that did not reach its tolerance."""
 
 
-class Unavailable(TexsssError):
-    """A part of the public face that this version does not have yet."""
-
-
 class Cancelled(TexsssError):
     """The caller asked for the computation to stop; nothing was written."""

@@ -9,9 +9,10 @@ import torch
 from texsss.light.emitters import Light
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
+from texsss.methods import MarchSpec
 from texsss.numerics.sampling import Texture
 from texsss.resolve import Images
-from texsss.specs import MarchSpec, SurfaceSpec
+from texsss.specs import SurfaceSpec
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Literal
 
 from texsss import placing
+from texsss.beneath import Beneath
 from texsss.cache import Kept
-from texsss.hierarchy import Hierarchy
 from texsss.look import scattered_once, seer, share_of, shower, tinted
 from texsss.numerics.sparse import Sparse
 from texsss.profiles.advice import advice
@@ -41,7 +41,7 @@ SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred byt
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
-class Run(Hierarchy):
+class Run(Beneath):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
     @property
@@ -107,6 +107,8 @@ class Run(Hierarchy):
         """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
         if self.scene.methods.diffusion == "octree":
             return self.hierarchical(scattering)
+        if self.scene.methods.diffusion == "parallax":
+            return self.seen_along_normals
         bank, weights, rule, passed = (
             self.bank,
             self.weights(scattering),
@@ -128,7 +130,7 @@ class Run(Hierarchy):
     def albedo_share(self, side: Literal["pre", "post"]) -> Kept | None:
         """The part of the albedo that applies before or after diffusion at the texels."""
         mode = self.scene.material.surface.albedo_mode
-        if self.albedo is None or mode not in (side, "both"):
+        if self.albedo is None or mode not in (side, "both") or self.layered_textures:
             return None
         return self.albedo if mode == side else Kept(self.albedo.value.sqrt(), f"{self.albedo.key} root")
 
@@ -182,7 +184,7 @@ class Run(Hierarchy):
         """What camera hits show but for scattered light."""
         images = {name: kept.value for name, kept in self.surface_maps.items()}
         return seer(
-            self.scene.material.surface,
+            self.upper_surface,
             images,
             self.mesh.value[0],
             self.lights,
@@ -199,7 +201,7 @@ class Run(Hierarchy):
         def make():
             return [self.see(hits) for hits in centre_hits(camera.value, occluder, self.cancel)]
 
-        surface, eta = self.scene.material.surface, self.stack.value.eta
+        surface, eta = self.upper_surface, self.stack.value.eta
         return self.stage(
             "sights", make, camera, self.surface_maps, self.lights_key, surface, eta, self.scene.seed
         )
@@ -215,13 +217,15 @@ class Run(Hierarchy):
         at_hits = methods.diffusion == "octree" and methods.octree.receivers == "hits"
         image = (self.emission if at_hits else self.diffused)(scattering)
 
+        def scattered() -> Tensor | Callable[[Hits], Tensor]:
+            if self.layered_textures:
+                return self.seen_from_camera()
+            return self.exitance_of_hits(scattering) if at_hits else self.texels.value.to_image(image.value)
+
         def make():
             tint = None if surface.albedo is None else maps[surface.albedo].value
             single = once if once is None or tint is None else tinted(once, tint, mesh)
-            diffuse = (
-                self.texels.value.to_image(image.value) if not at_hits else self.exitance_of_hits(scattering)
-            )
-            show = shower(diffuse, atlas.uv, single)
+            show = shower(scattered(), atlas.uv, single)
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from texsss.errors import AssetError, DomainError
+from texsss.methods import MethodsSpec
 from texsss.specs import (
     AtlasSpec,
     CameraSpec,
@@ -25,7 +26,6 @@ from texsss.specs import (
     MediumSpec,
     MeshField,
     MeshSpec,
-    MethodsSpec,
     Mix,
     Model,
     OutputSpec,
@@ -118,6 +118,10 @@ class Scene(Model, metaclass=_Told):
                 value = getattr(medium, field)
                 if isinstance(value, MapValue):
                     used.append((f"media.{name}.{field}.map", value.map))
+        parallax = self.methods.parallax
+        used.append(("methods.parallax.opacity", parallax.opacity))
+        for i, layer in enumerate(parallax.layers):
+            used += [(f"methods.parallax.layers.{i}.{f}", getattr(layer, f)) for f in ("base", "opacity")]
         return [(where, name) for where, name in used if isinstance(name, str)]
 
     @classmethod

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 from texsss.cache import Kept, StageCache, content_key
-from texsss.errors import Unavailable
 from texsss.scene import Scene
 from texsss.types import Cancel, Progress, check_cancelled
 
@@ -26,6 +25,7 @@ STAGE_VERSIONS = {
     "octree": 1,
     "weights": 1,
     "exitance": 1,
+    "beneath": 1,
     "planes": 1,
     "camera": 1,
     "sights": 1,
@@ -41,7 +41,6 @@ class Stages:
     """The stages of one scene; each is made once, or taken from `cache`."""
 
     def __init__(self, cache: StageCache, scene: Scene, progress: Progress | None, cancel: Cancel | None):
-        refuse_what_is_missing(scene)
         self.cache, self.scene, self.cancel = cache, scene, cancel
         self.tell: Progress = progress or (lambda stage, fraction: None)
         self.seconds: dict[str, float] = {}
@@ -64,20 +63,3 @@ class Stages:
     def hooks(self, name: str) -> dict[str, Any]:
         """What a long stage listens to and speaks through; the pipeline names the stages, not the rooms."""
         return {"progress": lambda _, fraction: self.tell(name, fraction), "cancel": self.cancel}
-
-
-AVAILABLE = {
-    "diffusion": ("none", "uv", "surface", "octree", "poisson"),
-}
-"""Methods that work; the schema names more, so that scenes keep when they come."""
-
-
-def refuse_what_is_missing(scene: Scene) -> None:
-    """Raises Unavailable: when a scene asks for a method that the schema has and this version has not."""
-    for field, choices in AVAILABLE.items():
-        value = getattr(scene.methods, field)
-        if value not in choices:
-            raise Unavailable(
-                f"Scene: methods.{field}: {value!r} is not in this version yet; "
-                f"choose {' or '.join(repr(choice) for choice in choices)}."
-            )

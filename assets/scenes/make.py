@@ -19,8 +19,10 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "axolotl"))
 from fields import Array, fractal, smoothstep  # noqa: E402
 
-SIZE = 1024
+SIZE = FINE = 1024
+COARSE = 512  # for what has no sharp edges
 MARBLE_ETA = 1.5
+VESSEL = (104, 32, 62)  # sRGB
 
 
 def positions() -> Array:
@@ -42,6 +44,14 @@ def maps(at: Array) -> dict[str, Array]:
         "marble-veins": veins,
         "marble-depth": np.clip(0.5 + 0.8 * fractal(at, 24.0, 4, 160), 0.0, 1.0) * (1.0 - 0.8 * veins),
     }
+
+
+def flesh(at: Array) -> Array:
+    """What lies beneath the skin of an animal: muscle in strands, darker between them (N, 3), sRGB."""
+    strand = fractal(at * np.array([1.0, 1.0, 0.28]), 5.0, 4, 170)
+    patch = fractal(at, 26.0, 3, 180)
+    dark, bright = np.array([0.42, 0.07, 0.09]), np.array([0.80, 0.27, 0.24])
+    return dark + (bright - dark) * smoothstep(-0.5, 0.5, strand + 0.6 * patch)[:, None]
 
 
 def medium(colour: tuple[float, ...], path_mm: tuple[float, ...] | float) -> dict:
@@ -97,30 +107,69 @@ def scenes() -> dict[str, dict]:
     }
 
 
-def stated(scene: dict) -> dict:
-    """The whole scene."""
-    source = {name: {"source": {"builtin": f"scenes/{name}.png"}} for name in scene["maps"]}
+def beneath() -> dict:
+    """Vessels and flesh beneath the axolotl's skin, as textures that shift with the view."""
+    layers = [
+        {"base": "vessels", "depth_mm": 0.7, "opacity": "veins", "spread": 0.1},
+        {"base": "flesh", "depth_mm": 1.8, "spread": 0.15},
+    ]
+
+    def image(builtin: str, space: str) -> dict:
+        return {"source": {"builtin": builtin}, "space": space}
+
     return {
-        "version": 1,
+        "summary": "Vessels and flesh beneath pale skin, as textures that shift with the view",
+        "maps": {
+            "albedo": image("axolotl/albedo.png", "srgb"),
+            "veins": image("axolotl/veins.png", "linear"),
+            "vessels": image("scenes/vessels.png", "srgb"),
+            "flesh": image("scenes/flesh.png", "srgb"),
+        },
+        "material": {
+            "layers": [{"medium": "skin1"}],
+            "surface": {"albedo": "albedo", "roughness": 0.3},
+        },
+        "methods": {"diffusion": "parallax", "parallax": {"opacity": 0.35, "layers": layers}},
+    }
+
+
+def layered(scene: dict) -> dict:
+    """What a scene of layers under every texel states."""
+    return {
         "summary": scene["summary"],
-        "mesh": {"source": {"builtin": "axolotl/axolotl.obj"}, "unit_mm": 1.0},
-        "atlas": {"size": 512},
-        "maps": source,
+        "maps": {name: {"source": {"builtin": f"scenes/{name}.png"}} for name in scene["maps"]},
         "media": scene["media"],
         "material": {"layers": scene["layers"], "surface": {"roughness": 0.3}},
+        "methods": {"diffusion": "surface"},
+    }
+
+
+def stated(scene: dict) -> dict:
+    """The whole scene."""
+    shared = {
+        "mesh": {"source": {"builtin": "axolotl/axolotl.obj"}, "unit_mm": 1.0},
+        "atlas": {"size": 512},
         "lights": [{"type": "studio", "intensity": 1.3}],
         "camera": {"direction": [0.62, 0.36, 0.7], "fov_y_deg": 18.0, "resolution": [1120, 630]},
-        "methods": {"diffusion": "surface"},
         "output": {"tonemap": "aces"},
     }
+    return {"version": 1} | scene | shared
 
 
 def main() -> None:
     """Paint, then write."""
-    for name, values in maps(positions()).items():
-        grey = np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
-        Image.fromarray(grey.reshape(SIZE, SIZE)).save(HERE / f"{name}.png", optimize=True)
-    for name, scene in scenes().items():
+    at = positions()
+    painted = maps(at) | {"flesh": flesh(at)}
+    for name, values in painted.items():
+        image = np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+        image = image.reshape(SIZE, SIZE, *values.shape[1:])
+        edge = FINE if name in ("marble-depth", "marble-veins", "patches") else COARSE
+        Image.fromarray(image).resize((edge, edge), Image.Resampling.BOX).save(
+            HERE / f"{name}.png", optimize=True
+        )
+    Image.new("RGB", (4, 4), VESSEL).save(HERE / "vessels.png")
+    written = {name: layered(scene) for name, scene in scenes().items()} | {"veins-beneath": beneath()}
+    for name, scene in written.items():
         text = json.dumps(stated(scene), indent=2) + "\n"
         (HERE / f"{name}.json").write_text(text)
         Scene.load(HERE / f"{name}.json")

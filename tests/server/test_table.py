@@ -98,13 +98,13 @@ def test_what_was_sent_is_not_repeated(client, small, scene):
     assert not any("unobtainium" in error["detail"] for error in body["errors"])
 
 
-def test_methods_to_come_are_told(client, small):
+def test_options_that_lack_something_are_told(client, small):
     body = problem(
         client.post("/v1/render", json=small | {"methods": {"diffusion": "parallax"}}),
         422,
         "invalid-parameters",
     )
-    assert body["errors"][0]["code"] == "Unavailable"
+    assert body["errors"][0]["code"] == "DomainError"
 
 
 def test_messages_name_no_folders_of_ours(client, small):

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.numerics.sampling import bilinear
+from texsss.numerics.sampling import Texture, bilinear
 from texsss.types import Float, Tensor, unit
 
 LEAST_DOWN = 0.05  # of the transmission vector's z: at grazing angles the shift stays finite
@@ -31,6 +32,13 @@ class InnerLayer:
                 f"InnerLayer: expected a finite depth [mm] and spread >= 0, got "
                 f"{self.depth_mm:g} and {self.spread:g}."
             )
+
+    @cached_property
+    def copies(self) -> list[Texture]:
+        """`base`, and blurred copies of it whose deviations double, from one texel."""
+        count = max(1, min(8, max(self.base.shape[:2]).bit_length() - 2))
+        images = [self.base, *(_smoothed(self.base, 2.0**k) for k in range(count - 1))]
+        return [Texture.of(image, "repeat") for image in images]
 
 
 def transmission(view: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
@@ -85,7 +93,7 @@ def shade_layers(
         distance = depth * per_depth  # s = d / |T_z|
         place = uv + (uv_per_mm @ (distance * down[:, :2])[..., None])[..., 0]
         radius = layer.spread * distance * torch.linalg.matrix_norm(uv_per_mm)[:, None] / 2**0.5
-        colour = _blurred(layer.base, place, radius[:, 0]) * light
+        colour = _blurred(layer, place, radius[:, 0]) * light
         if layer.opacity is None:
             through = torch.zeros_like(opacity)
         else:
@@ -150,20 +158,18 @@ def _smoothed(image: Float[Tensor, "H W C"], deviation: float) -> Float[Tensor, 
 
 
 def _blurred(
-    base: Float[Tensor, "H W 3"], uv: Float[Tensor, "P 2"], radius: Float[Tensor, " P"]
+    layer: InnerLayer, uv: Float[Tensor, "P 2"], radius: Float[Tensor, " P"]
 ) -> Float[Tensor, "P 3"]:
     """Look-ups in a tiled image, each blurred by a Gaussian of its own standard deviation [uv].
 
     Between the two nearest of a few blurred copies, whose deviations double.
     """
-    size = max(base.shape[:2])
-    copies = max(1, min(8, size.bit_length() - 2))
-    texels = radius * size
+    texels = radius * max(layer.base.shape[:2])
     # copy 0 is sharp, copy k has a deviation of 2^(k-1) texels
-    level = torch.where(texels < 1, texels, 1 + torch.log2(texels.clamp_min(1))).clamp(0, copies - 1)
-    total = torch.zeros(len(uv), 3, dtype=base.dtype, device=base.device)
-    for k in range(copies):
+    level = torch.where(texels < 1, texels, 1 + torch.log2(texels.clamp_min(1)))
+    level = level.clamp(0, len(layer.copies) - 1)
+    total = uv.new_zeros(len(uv), 3, dtype=layer.base.dtype)
+    for k, copy in enumerate(layer.copies):
         weight = (1 - (level - k).abs()).clamp_min(0)
-        image = base if k == 0 else _smoothed(base, 2.0 ** (k - 1))
-        total = total + weight[:, None] * bilinear(image, uv, wrap="repeat")
+        total = total + weight[:, None] * copy.at(uv)
     return total

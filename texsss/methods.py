@@ -1,0 +1,92 @@
+"""Which method computes each stage of a scene, and its options."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from texsss.specs import Count, Model, NonNegative, Number, Positive, Unit
+
+
+class OctreeSpec(Model):
+    """Hierarchical integration: nodes of an area below `epsilon` × distance² stand for their samples.
+
+    `spacing_mm` of the samples of irradiance; the mean free path if left out. `receivers`: exitance is
+    summed for the texels, or for every hit of the camera in pictures.
+    """
+
+    epsilon: Annotated[Number, Field(gt=0, le=10)] = 0.05
+    spacing_mm: Positive | None = None
+    receivers: Literal["texels", "hits"] = "texels"
+
+
+class PoissonSpec(Model):
+    """The blur by a Poisson disc: its radius (that of the material's light if left out), samples, passes.
+
+    The lightmap is blurred `reduction` times smaller.
+    """
+
+    radius_mm: Positive | None = None
+    taps: Annotated[Count, Field(ge=1, le=256)] = 12
+    passes: Annotated[Count, Field(ge=1, le=16)] = 2
+    reduction: Annotated[Count, Field(ge=1, le=16)] = 2
+
+
+class MarchSpec(Model):
+    """What hides the steps of the march, and how deep its layers go (Norberg 2010).
+
+    `noise` shifts the start of uniform steps by up to this share of their distance, `noise_uv` the places
+    where maps are read [uv]. `deepest_mm`: boundaries between layers lie no deeper.
+    """
+
+    noise: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    noise_uv: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    deepest_mm: Positive | None = None
+
+
+class InnerLayerSpec(Model):
+    """A layer seen through the surface: its colour (a name in `maps`), `depth_mm` below the one above.
+
+    `opacity`: a number or a grey map; of a layer that has another one below. `spread`: how much it blurs
+    per distance looked through [mm per mm].
+    """
+
+    base: str
+    depth_mm: Positive = 1.0
+    opacity: Unit | str = 1.0
+    spread: NonNegative = 0.25
+
+
+class ParallaxSpec(Model):
+    """Layered textures that shift with the view (Oat 2006): the albedo map, and what lies beneath it.
+
+    `opacity` of the surface: a number or a grey map; None is taken from the albedo map, where pale and even
+    is see-through (Norberg 2010).
+    """
+
+    opacity: Unit | str | None = None
+    layers: Annotated[tuple[InnerLayerSpec, ...], Field(max_length=16)] = ()
+
+
+class MethodsSpec(Model):
+    """Which method computes each stage; all are named, so that they can be compared.
+
+    With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
+    steps and diffuse only the rest; textures hold both, since they know no eye. With `transmission`,
+    light also comes through from the far side of the object, as much as its thickness there lets pass.
+    `diffusion: parallax` shows textures beneath textures instead; pictures alone see them shift.
+    """
+
+    profile: Literal["dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3"] = (
+        "layered-sp3"
+    )
+    diffusion: Literal["none", "uv", "surface", "octree", "poisson", "parallax"] = "uv"
+    rule: Literal["exit", "entry", "geometric-mean"] = "exit"
+    terms: Annotated[Count, Field(ge=1, le=32)] = 8
+    incidence: Literal["diffuse", "normal"] = "diffuse"
+    single_scattering: Literal["none", "uniform", "exact"] = "none"
+    march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
+    transmission: bool = False
+    octree: OctreeSpec = OctreeSpec()
+    poisson: PoissonSpec = PoissonSpec()
+    march: MarchSpec = MarchSpec()
+    parallax: ParallaxSpec = ParallaxSpec()
