@@ -23,7 +23,12 @@ def scene(
     x_mm: float = 300,
     blue: float = 3.0,
 ) -> Scene:
-    data: dict = {"atlas": {"size": size}, "material": {"layers": [{"medium": material}]}}
+    # uv: what a lightmap costs without operators; bench_surface has theirs
+    data: dict = {
+        "atlas": {"size": size},
+        "methods": {"diffusion": "uv"},
+        "material": {"layers": [{"medium": material}]},
+    }
     data["lights"] = [
         {"type": "point", "position_mm": [x_mm, 400.0, 700.0], "intensity_w_per_sr": [3.0, 3.0, blue]}
     ]

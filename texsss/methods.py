@@ -79,7 +79,7 @@ class MethodsSpec(Model):
     profile: Literal["dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3"] = (
         "layered-sp3"
     )
-    diffusion: Literal["none", "uv", "surface", "octree", "poisson", "parallax"] = "uv"
+    diffusion: Literal["none", "uv", "surface", "octree", "poisson", "parallax"] = "surface"
     rule: Literal["exit", "entry", "geometric-mean"] = "exit"
     terms: Annotated[Count, Field(ge=1, le=32)] = 8
     incidence: Literal["diffuse", "normal"] = "diffuse"

@@ -55,8 +55,7 @@ class Run(Beneath):
             stopped = len(self.variances) - len(self.operators.value.variances)
             said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
         if self.operators is not None:
-            variances = self.variances
-            said += self.stage("doubts", lambda: doubts(texels, variances), self.texels, variances).value
+            said += self.doubts.value
         return [*said, *notes.messages, *self.atlas.value.report.messages]
 
     # diffusion
@@ -72,7 +71,14 @@ class Run(Beneath):
             fits = affordable(texels, variances, BUDGET_BYTES)
             return surface_operators(texels, variances[fits], **self.hooks("operators"))
 
+        _ = self.doubts  # while it is no news: reports are made of what is kept
         return self.stage("operators", make, self.texels, variances)
+
+    @cached_property
+    def doubts(self) -> Kept:
+        """What is doubtful about the surface that light is to cross, in sentences."""
+        texels, variances = self.texels.value, self.variances
+        return self.stage("doubts", lambda: doubts(texels, variances), self.texels, variances)
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""
