@@ -129,6 +129,14 @@ def test_the_bank_takes_them_in_any_order():
     torch.testing.assert_close(bank.values.flip(0), diffusion(texels, "surface")(values, LADDER))
 
 
+def test_white_light_is_spread_once():
+    texels = ball(32)
+    values, operators = lit(texels)[:, 1:2].expand(-1, 3), surface_operators(texels, LADDER)
+    white = diffusion(texels, "surface", operators=operators)(values, LADDER)
+    assert white.stride(2) == 0
+    torch.testing.assert_close(white, operators.applied(values.contiguous()))
+
+
 def test_what_does_not_fit_goes_along_uv_with_a_notice():
     texels, notices = ball(48), []
     values = lit(texels)

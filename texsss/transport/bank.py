@@ -10,7 +10,7 @@ from texsss.profiles.weights import Weights
 from texsss.surface.points import TexelMaps
 from texsss.transport.budget import affordable
 from texsss.transport.operators import Operators, surface_operators
-from texsss.transport.uv import diffuse_uv
+from texsss.transport.uv import diffuse_uv, is_grey
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 RULES = ("exit", "entry", "geometric-mean")
@@ -79,7 +79,11 @@ def diffusion(
                 built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
             known = variances[:, None] == built.variances.to(variances)
             crosses = known.any(1)
-            copies, asked = built.applied(values), known.nonzero()[:, 1]
+            asked = known.nonzero()[:, 1]
+            if is_grey(values):
+                copies = built.applied(values[:, :1]).expand(-1, -1, values.shape[1])
+            else:
+                copies = built.applied(values)
             if not torch.equal(asked, torch.arange(len(copies), device=asked.device)):
                 copies = copies[asked]
             if bool(crosses.all()):

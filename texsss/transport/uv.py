@@ -43,7 +43,7 @@ def diffuse_uv(
     """
     if not bool((torch.isfinite(variances) & (variances >= 0)).all()):
         raise DomainError(f"diffuse_uv: expected variances of 0 or more, got {variances.tolist()}; in mm².")
-    if _is_grey(values):
+    if is_grey(values):
         one = diffuse_uv(values[:, :1], texels, variances, progress=progress, cancel=cancel)
         return one.expand(-1, -1, values.shape[1])
     blurred: list[Tensor] = [values] * len(variances)
@@ -60,7 +60,7 @@ def diffuse_uv(
     return torch.stack(blurred)
 
 
-def _is_grey(values: Float[Tensor, "P C"]) -> bool:
+def is_grey(values: Float[Tensor, "P C"]) -> bool:
     """Whether all channels are the same, as under white lights, so that one blur serves them all."""
     if values.shape[1] < 2 or values.requires_grad:
         return False
