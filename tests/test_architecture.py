@@ -57,7 +57,9 @@ MAY_IMPORT = {
     "shorthand": {"errors"},
     "options": {"scene", "shorthand"},
     "openmp": set(),
+    "terminal": {"errors"},
     "cli": {
+        "terminal",
         *("openmp", "baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors"),
         *("cache", "gallery", "shelf"),
     },

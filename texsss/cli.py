@@ -1,23 +1,18 @@
 """The command line: `texsss bake`, `render`, `compare`, `map`, `inspect`, `profile`, `serve` …"""
 
 import json
-import os
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from rich.text import Text
 
 from texsss import gallery, openmp  # noqa: F401 - before torch
-from texsss.errors import AssetError, TexsssError
+from texsss.errors import TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
+from texsss.terminal import EXIT_INTERRUPTED, image_name, say, show_table, shown_progress, writable
 
 app = typer.Typer(
     help="Layered subsurface scattering in the texture space of a mesh.",
@@ -27,10 +22,8 @@ app = typer.Typer(
 )
 scene_app = typer.Typer(help="Scene files.")
 app.add_typer(scene_app, name="scene")
-console = Console(stderr=True)
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 
 @app.command()
@@ -232,78 +225,6 @@ def scene_init(
 def scene_list() -> None:
     """Lists the shipped scenes."""
     show_table("Scenes", {name: gallery.scene(name).summary for name in gallery.names()})
-
-
-def say(kind: str, colour: str, sentence: str) -> None:
-    """A sentence to the user, word for word: file names may look like markup."""
-    console.print(Text.assemble((kind, colour), " ", sentence), soft_wrap=True)
-
-
-def show_table(title: str, rows: dict) -> None:
-    """Names and values on standard output."""
-    table = Table(title=title, show_header=False, title_justify="left")
-    for name, value in rows.items():
-        table.add_row(name, shown(value))
-    Console().print(table)
-
-
-def shown(value: object) -> str:
-    """A value in few digits."""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, dict):
-        return "  ".join(f"{name} {shown(item)}" for name, item in value.items())
-    if isinstance(value, list | tuple):
-        return "  ".join(shown(item) for item in value)
-    return str(value)
-
-
-def image_name(path: Path, endings: tuple[str, ...] = (".png", ".exr"), option: str = "--out") -> None:
-    """Raises AssetError: when `path` is not that of an image, or can't be written."""
-    if path.suffix.lower() not in endings:
-        known = " or ".join(endings)
-        raise AssetError(f"Output: expected a name that ends in {known}, got {path}; change {option}.")
-    writable(path.parent)
-
-
-def writable(folder: Path) -> None:
-    """Raises AssetError: when files can't be made in `folder`, before any work is done."""
-    try:
-        existing = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
-    except OSError as error:
-        raise AssetError(
-            f"Output: {folder} cannot be written ({error.strerror}); choose another with --out."
-        ) from None
-    if not existing.is_dir():
-        raise AssetError(f"Output: expected a folder, got the file {existing}; choose another with --out.")
-    if not os.access(existing, os.W_OK):
-        raise AssetError(f"Output: {existing} cannot be written; choose another folder with --out.")
-
-
-@contextmanager
-def shown_progress():
-    """A bar per stage on the terminal; silence where there is none."""
-    with Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description:<10}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=not console.is_terminal,
-        disable=not console.is_terminal,
-    ) as bars:
-        tasks = {}
-
-        def progress(stage: str, fraction: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            bars.update(tasks[stage], completed=fraction)
-
-        try:
-            yield progress
-        except KeyboardInterrupt:
-            console.print("stopped; nothing was written")
-            raise typer.Exit(EXIT_INTERRUPTED) from None
 
 
 def main(arguments: list[str] | None = None) -> None:
