@@ -47,6 +47,7 @@ export class Compare {
   private readonly labels = { A: h("span", { class: "side a" }), B: h("span", { class: "side b" }, "B · Now") };
   private readonly modeButton: HTMLButtonElement;
   private readonly rmse = h("output", { class: "rmse" });
+  private readonly legend = h("div", { class: "legend", hidden: true });
   private readonly liveA: Live;
   private pinned: State | null = null;
   private coverage: { key: string; image: HalfImage } | null = null;
@@ -65,7 +66,7 @@ export class Compare {
     this.modeButton = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.setDifference(!this.difference) }, "Difference");
     this.range.addEventListener("input", () => this.place());
     const bar = h("div", { class: "compare-bar" }, h("span", null, "A is"), this.select, this.range, this.modeButton, this.rmse);
-    this.overlay = h("div", { class: "compare", hidden: true }, this.line, this.labels.A, this.labels.B, bar);
+    this.overlay = h("div", { class: "compare", hidden: true }, this.line, this.labels.A, this.labels.B, this.legend, bar);
     let held = false;
     this.line.addEventListener("pointerdown", (event) => {
       held = true;
@@ -152,6 +153,7 @@ export class Compare {
     this.modeButton.setAttribute("aria-pressed", String(on));
     this.overlay.classList.toggle("is-difference", on);
     if (!on) this.host.viewer.setDifference(false);
+    this.legend.hidden = true;
     void this.measure();
   }
 
@@ -181,7 +183,11 @@ export class Compare {
     const relative = Math.sqrt(square / Math.max(count, 1)) / Math.max(sum / Math.max(count, 1), 1e-12);
     this.rmse.value = `RMSE ${plain(100 * relative)} %`;
     this.rmse.title = "Of the light that leaves, over all texels, relative to its mean";
-    this.host.viewer.setDifference(this.difference, Math.max(most / Math.PI / 2, 1e-6));
+    const brightest = Math.max(most / Math.PI / 2, 1e-6); // the few places beyond would leave the rest dark
+    this.host.viewer.setDifference(this.difference, brightest);
+    const ends = h("span", { class: "ends" }, h("span", null, "0"), h("span", null, "W/m² sr"), h("span", null, `${plain(brightest)} and more`));
+    this.legend.replaceChildren(h("strong", null, "Difference of A and B"), h("span", { class: "bar" }), ends);
+    this.legend.hidden = !this.difference;
   }
 
   private async covered(size: number): Promise<HalfImage> {

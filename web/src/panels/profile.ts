@@ -37,10 +37,11 @@ export class ProfilePanel {
     this.numbers(profile);
     const styles = getComputedStyle(this.plot);
     const colour = (name: string) => styles.getPropertyValue(name).trim();
-    // light that leaves per step of log r, in percent: areas are shares
     const first = profile.r_mm[profile.r_mm.length - 1] / DECADES;
     const rows = profile.r_mm.map((r, i) => ({ r, row: profile.reflectance_per_mm2[i] })).filter(({ r }) => r >= first);
-    const column = (k: number) => rows.map(({ r, row }) => 100 * 2 * Math.PI * r * r * row[k]);
+    const column = (k: number) => rows.map(({ r, row }) => leaving(r, row[k]));
+    const counted = profile.monte_carlo.flatMap((rings) => rings?.r_mm.map((r, i) => leaving(r, rings.reflectance_per_mm2[i])) ?? []);
+    const highest = Math.max(1e-6, ...counted, ...[0, 1, 2].flatMap(column));
     const texel = this.showing?.atlas.texel_mm ?? 0;
     const axis = { stroke: colour("--dim"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 }, font: "11px system-ui" };
     const options: uPlot.Options = {
@@ -48,7 +49,7 @@ export class ProfilePanel {
       height: 170,
       legend: { show: false },
       cursor: { drag: { x: false, y: false }, y: false },
-      scales: { x: { time: false, distr: 3 } },
+      scales: { x: { time: false, distr: 3 }, y: { range: [0, 1.08 * highest] } },
       axes: [
         { ...axis, label: "distance [mm]", labelSize: 16, labelFont: "11px system-ui", size: 30, values: (_, ticks) => ticks.map((tick) => (Math.abs(Math.log10(tick) - Math.round(Math.log10(tick))) < 1e-6 ? plain(tick) : "")) },
         { ...axis, size: 42, values: (_, ticks) => ticks.map((tick) => `${plain(tick)} %`) },
@@ -101,6 +102,9 @@ export class ProfilePanel {
   }
 }
 
+/** Light that leaves per step of log r, in percent: on a logarithmic axis areas are shares. */
+const leaving = (r: number, perArea: number): number => 100 * 2 * Math.PI * r * r * perArea;
+
 const two = (value: number): string => plain(Number(value.toPrecision(2)));
 
 /** Rings of Monte Carlo, each a dot with a bar of two standard errors up and down. */
@@ -113,15 +117,15 @@ function dots(chart: uPlot, rings: Rings, stroke: string): void {
   ctx.strokeStyle = ctx.fillStyle = stroke;
   ctx.lineWidth = devicePixelRatio;
   rings.r_mm.forEach((r, i) => {
-    const leaving = (value: number) => chart.valToPos(100 * 2 * Math.PI * r * r * value, "y", true);
+    const place = (value: number) => chart.valToPos(leaving(r, value), "y", true);
     const x = chart.valToPos(r, "x", true);
     const [value, error] = [rings.reflectance_per_mm2[i], 2 * rings.error_per_mm2[i]];
     ctx.beginPath();
-    ctx.moveTo(x, leaving(value - error));
-    ctx.lineTo(x, leaving(value + error));
+    ctx.moveTo(x, place(value - error));
+    ctx.lineTo(x, place(value + error));
     ctx.stroke();
     ctx.beginPath();
-    ctx.arc(x, leaving(value), 2.2 * devicePixelRatio, 0, 2 * Math.PI);
+    ctx.arc(x, place(value), 2.2 * devicePixelRatio, 0, 2 * Math.PI);
     ctx.fill();
   });
   ctx.restore();

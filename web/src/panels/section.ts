@@ -47,6 +47,7 @@ export class CrossSection {
     svg.append(defs);
     let top = SURFACE;
     const words: string[] = [];
+    const labels: SVGElement[] = []; // over everything
     heard.forEach(({ layer, index }, i) => {
       const last = i === heard.length - 1;
       const open = this.endless(heard.length, layer, i);
@@ -59,12 +60,13 @@ export class CrossSection {
       words.push(thickness);
       if (tall >= 15) {
         const label = `${index + 1} · ${thickness}`;
-        svg.append(s("text", { x: WIDTH - 8, y: top + Math.min(tall / 2, 40) + 4, class: `label ${ink(fill)}` }, label));
+        labels.push(s("text", { x: WIDTH - 8, y: top + Math.min(tall / 2, 40) + 4, class: `label ${ink(fill)}` }, label));
       }
       top += tall;
     });
     this.reach(svg, defs, scale);
     this.ruler(svg, scale);
+    svg.append(...labels);
     svg.setAttribute("aria-label", `Cut through the surface: ${words.length} layers, ${words.join(", ")}`);
     const reaches = (this.profile?.radius_mm["0.9"] ?? []).map((mm, k) => h("b", { class: ["red", "green", "blue"][k] }, `${plain(Number(mm.toPrecision(2)))} mm `));
     this.caption.replaceChildren(...(reaches.length ? ["Light that enters here comes out within ", ...reaches, "of red, green and blue."] : [""]));
