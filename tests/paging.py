@@ -47,6 +47,15 @@ def settle(page, act) -> None:
         assert deadline, "nothing new was shown within 30 s"
 
 
+def until(page, expression: str) -> None:
+    """Waits until an expression is true; the page's policy forbids the browser's own way of waiting."""
+    for _ in range(300):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"not true within 30 s: {expression}")
+
+
 def pose(page) -> dict:
     """Where the camera stands."""
     return page.evaluate("window.texsss.viewer.orbit.pose")

@@ -1,8 +1,8 @@
-"""How frames are drawn: quickly while things move, whole at rest; shadowed highlights; the numbers of the march."""
+"""How frames are drawn: quick while things move, whole at rest; shadowed highlights; numbers of the march."""
 
 import json
 
-from paging import METHODS, pixels
+from paging import METHODS, pixels, until
 
 
 def test_moving_frames_are_coarser_and_rest_is_whole(visit):
@@ -48,7 +48,7 @@ def test_highlights_stay_out_of_shadows(visit):
 
 def test_numbers_of_the_march_are_followed(visit):
     page = visit({"methods": METHODS | {"single_scattering": "uniform"}})
-    page.wait_for_function("texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.uniforms.marched.value === 1")
     asked = []
     page.on("request", lambda one: asked.append(one) if "image=picture" in one.url else None)
     page.get_by_role("tab", name="Inside").click()

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from paging import METHODS, address, pixels, settle, state
+from paging import METHODS, address, pixels, settle, state, until
 from serving import end, launch, until_ready
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
@@ -129,8 +129,8 @@ def test_looks_inside(visit):
     page.get_by_role("tab", name="Inside").click()
     first = pixels(page)
     page.get_by_label("Show", exact=True).select_option("irradiance")
-    page.locator(".legend").wait_for()
-    assert "W/m²" in page.locator(".legend").inner_text()
+    page.locator("#overlay > .legend").wait_for()
+    assert "W/m²" in page.locator("#overlay > .legend").inner_text()
     assert abs(pixels(page) - first).mean() > 1
     for key in ("gaussian", "weight", "exitance", "thickness", "texel-mm", "normal", "position"):
         settle(page, lambda key=key: page.get_by_label("Show", exact=True).select_option(key))
@@ -145,11 +145,7 @@ def test_looks_inside(visit):
 def test_the_march_is_blended_in_at_rest(visit):
     page = visit({"methods": METHODS | {"single_scattering": "exact"}})
     page.locator("#badge:not(.marching)").wait_for()
-    for _ in range(100):
-        if page.evaluate("texsss.viewer.uniforms.marched.value") == 1:
-            break
-        page.wait_for_timeout(100)
-    assert page.evaluate("texsss.viewer.uniforms.marched.value") == 1
+    until(page, "texsss.viewer.uniforms.marched.value === 1")
     marched = pixels(page)
     page.locator("#view").press("ArrowRight")
     page.locator("#view").press("ArrowLeft")

@@ -43,6 +43,7 @@ export class Marching {
 
   /** Something moved: what was marched is of the past. */
   moved(): void {
+    [this.numbers, this.rest] = this.parts();
     this.stop();
     this.fade(0);
     if (this.wanted) this.timer = window.setTimeout(() => void this.march(), REST_MS);
@@ -50,19 +51,21 @@ export class Marching {
 
   /** The state changed. The march's own numbers are followed by drafts; exposure is the page's own. */
   changed(): void {
-    const { output: _output, ...state } = this.host.state();
-    const { march, march_samples, single_scattering, ...methods } = state.methods;
-    const numbers = JSON.stringify([march, march_samples, single_scattering]);
-    const rest = JSON.stringify({ ...state, methods });
+    const [numbers, rest] = this.parts();
     const [tuned, other] = [numbers !== this.numbers, rest !== this.rest];
     this.numbers = numbers;
-    this.rest = rest;
     if (other || (tuned && this.share === 0)) this.moved();
     else if (tuned) {
       this.stop();
       void this.draft();
       this.timer = window.setTimeout(() => void this.march(), REST_MS);
     }
+  }
+
+  private parts(): [string, string] {
+    const { output: _output, ...state } = this.host.state();
+    const { march, march_samples, single_scattering, ...methods } = state.methods;
+    return [JSON.stringify([march, march_samples, single_scattering]), JSON.stringify({ ...state, methods })];
   }
 
   private stop(): void {
