@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from texsss_server.problems import Problem, retry_after
 
-from texsss.errors import Cancelled
+from texsss.errors import Cancelled, TexsssError
 
 if TYPE_CHECKING:
     from texsss_server.engine import Engine
@@ -210,7 +210,9 @@ class Worker:
             if task.turn.stopped():
                 raise Cancelled("stopped before it started")
             outcome: tuple[Any, BaseException | None] = (task.call(self._engine(), task.turn), None)
-        except Exception as error:
+        except (Problem, TexsssError) as error:
+            outcome = (None, _bare(error))
+        except Exception as error:  # kept with its trace, for the log
             outcome = (None, error)
         finally:
             self._running.remove(task)
@@ -219,6 +221,12 @@ class Worker:
     def _engine(self) -> "Engine":
         assert self.engine is not None, "the thread makes it first"
         return self.engine
+
+
+def _bare(error: Exception) -> Exception:
+    """An expected error without the frames that it passed: they hold every tensor of a scene, in cycles."""
+    error.__traceback__ = error.__context__ = error.__cause__ = None
+    return error
 
 
 def _settle(future: asyncio.Future, result: Any, error: BaseException | None) -> None:

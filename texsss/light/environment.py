@@ -11,10 +11,12 @@ from texsss.errors import DomainError
 from texsss.light.emitters import LightSamples, cosine_hemisphere
 from texsss.media import fresnel
 from texsss.numerics.sampling import bilinear
-from texsss.types import Float, Tensor, unit
+from texsss.types import Float, Int, Tensor, unit
 
 _WIDEST = 2048  # texels that samples are chosen from; larger panoramas are averaged down
-_CELLS = 96  # width of the panorama that unshadowed light is summed over
+_POOL = 256  # square of directions that samples are chosen from
+_CELLS = 96  # normals around which unshadowed light is summed
+_SOURCES = 48  # width of the panorama that it is summed over
 _UNIFORM = 0.05  # share of the mean brightness added everywhere, so that nothing is never sampled
 
 
@@ -55,27 +57,28 @@ class ImageEnvironment:
         Each is weighted by both densities together (balance heuristic). Source: Veach & Guibas 1995.
         """
         by_image = square[:, 0] < 0.5
-        u = torch.where(by_image, 2 * square[:, 0], 2 * square[:, 0] - 1).clamp(0, 1 - 1e-7)
-        stretched = torch.stack([u, square[:, 1]], -1)
-        bright = self._drawn(stretched)
-        around, _ = cosine_hemisphere(normal, stretched)
-        direction = torch.where(by_image[:, None], bright, around)
+        bright, around = by_image.nonzero()[:, 0], (~by_image).nonzero()[:, 0]
+        chosen = self._pool.to(position)[_cell(square[bright] * square.new_tensor([2.0, 1.0]))]
+        free = square[around] * square.new_tensor([2.0, 1.0]) - square.new_tensor([1.0, 0.0])
+        spread, _ = cosine_hemisphere(normal[around], free.clamp(0, 1 - 1e-7))
+        found = torch.cat([spread, self.radiance_from(spread), self._density(spread)[:, None]], 1)
+        seen = position.new_empty(len(square), 7).index_copy(0, bright, chosen).index_copy(0, around, found)
+        direction, radiance, density = seen[:, :3], seen[:, 3:6], seen[:, 6]
         cosine = (normal * direction).sum(-1).clamp_min(0)
-        density = (self._density(direction) + cosine / math.pi) / 2
-        irradiance = self.radiance_from(direction) / density.clamp_min(1e-12)[:, None]
+        irradiance = radiance / ((density + cosine / math.pi) / 2).clamp_min(1e-12)[:, None]
         return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
 
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """See `Environment.unoccluded`: summed for a grid of normals, bilinear between them."""
         image = self.image.detach().double()
-        if image.shape[1] < _CELLS:
-            height, width = _CELLS // 2, _CELLS
+        if image.shape[1] < _SOURCES:
+            height, width = _SOURCES // 2, _SOURCES
             image = _looked_up(image, _centres(height, width)).reshape(height, width, 3)
         power = image * _solid_angle(*image.shape[:2])[:, None, None]
-        light = _gathered(power, _CELLS).reshape(-1, 3)
+        light = _gathered(power, _SOURCES).reshape(-1, 3)
         # the light of a cell comes from where it is in it: a sun need not be at the centre
         where = _direction(_centres(*image.shape[:2])).reshape(image.shape)
-        centres = unit(_gathered(power.mean(-1, keepdim=True) * where, _CELLS).reshape(-1, 3)).float()
+        centres = unit(_gathered(power.mean(-1, keepdim=True) * where, _SOURCES).reshape(-1, 3)).float()
         light = light.float()
         normals = _direction(_centres(_CELLS // 2, _CELLS)).float()
         rows = []
@@ -84,6 +87,17 @@ class ImageEnvironment:
             rows.append((cosine * fresnel.transmittance(cosine, eta)) @ light)
         received = self.intensity * torch.cat(rows).reshape(_CELLS // 2, _CELLS, 3)
         return lambda normal: _looked_up(received.to(normal), self._uv(normal))
+
+    @cached_property
+    def _pool(self) -> Float[Tensor, "D 7"]:
+        """Directions drawn once, one in each cell of a square: direction, radiance, density [1/sr]."""
+        step = torch.arange(_POOL) / _POOL
+        corner = torch.stack(torch.meshgrid(step, step, indexing="ij"), -1).reshape(-1, 2)
+        within = torch.rand(len(corner), 2, generator=torch.Generator().manual_seed(0)) / _POOL
+        direction = self._drawn((corner + within).clamp_max(1 - 1e-7))
+        return torch.cat(
+            [direction, self.radiance_from(direction), self._density(direction)[:, None]], 1
+        ).detach()
 
     @cached_property
     def _chances(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -134,6 +148,12 @@ class ImageEnvironment:
         x, y, z = direction.unbind(-1)
         azimuth = torch.atan2(x, -z) + self.rotation
         return torch.stack([0.5 + azimuth / (2 * math.pi), torch.arccos(y.clamp(-1, 1)) / math.pi], -1)
+
+
+def _cell(square: Float[Tensor, "P 2"]) -> Int[Tensor, " P"]:
+    """Which of the pool's cells."""
+    row, column = (square * _POOL).long().clamp(0, _POOL - 1).unbind(-1)
+    return row * _POOL + column
 
 
 def _direction(uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
