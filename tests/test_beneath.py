@@ -7,8 +7,9 @@ import torch
 
 from texsss.baker import Baker
 from texsss.errors import DomainError
-from texsss.io.images import write_png
+from texsss.io.images import read_image, write_png
 from texsss.scene import Scene
+from texsss.transport.parallax import InnerLayer, opacity_from_photograph, shade_layers
 
 SIZE = 64
 
@@ -24,10 +25,14 @@ def square(tmp_path_factory) -> dict:
     stripes[:, torch.arange(60) // 10 % 2 == 1, 1] = 1.0
     write_png(folder / "below.png", stripes)
     write_png(folder / "above.png", torch.full((8, 8, 3), 0.5))
+    freckled = torch.full((64, 64, 3), 0.7)
+    freckled[20:24, 20:24] = 0.1
+    write_png(folder / "freckled.png", freckled)
     return {
         "mesh": {"source": str(folder / "square.obj"), "unit_mm": 1.0},
         "maps": {
-            name: {"source": str(folder / f"{name}.png"), "space": "linear"} for name in ("above", "below")
+            name: {"source": str(folder / f"{name}.png"), "space": "linear"}
+            for name in ("above", "below", "freckled")
         },
         "material": {"layers": [{"medium": "skin1"}], "surface": {"albedo": "above", "specular": 0.0}},
         "lights": [{"type": "environment", "radiance": [1.0, 1.0, 1.0]}],
@@ -78,10 +83,33 @@ def test_stripes_shift_with_the_view_by_depth_times_tangent(square, depth_mm):
 
 
 def test_opacity_is_taken_from_the_photograph_where_none_is_stated(square):
-    baker = Baker()
-    some = baker.bake(scene(square, opacity=None)).exitance
-    clear, opaque = (baker.bake(scene(square, opacity=value)).exitance for value in (0.0, 1.0))
-    assert float((some - clear).abs().max()) > 0.05 < float((some - opaque).abs().max())
+    """As by `opacity_from_photograph`: a freckle hides what even skin lets through."""
+    surface = square["material"]["surface"] | {"albedo": "freckled"}
+    freckled = square | {"material": square["material"] | {"surface": surface}}
+    baked = Baker().bake(scene(freckled, opacity=None))
+    photograph = read_image(freckled["maps"]["freckled"]["source"], space="linear")[..., :3]
+    opacity = opacity_from_photograph(photograph)
+    even = torch.full((1, 1, 3), 0.7)
+    clear, below = float(opacity[50, 5]), float(baked.irradiance[50, 5, 0])
+    expected = clear * float(even[0, 0, 0]) + (1 - clear)  # red is 1 below, there
+    assert float(baked.exitance[50, 5, 0]) / below == pytest.approx(expected, rel=0.03)
+    assert float(opacity[22, 22]) > clear + 0.2
+
+
+@pytest.mark.parametrize("size", [64, 256])
+def test_wide_blurs_are_as_wide_on_large_maps(size):
+    """A cosine fades by exp(-k² σ²/2) whatever its texels, also where σ is a large part of the tile."""
+    u = (torch.arange(size) + 0.5) / size
+    wave = (0.5 + 0.5 * torch.cos(2 * math.pi * u))[None, :, None].expand(size, size, 3)
+    layer = InnerLayer(wave.contiguous(), 1.0, spread=1.0)
+    place, above = (
+        torch.stack([u, torch.full_like(u, 0.5)], -1),
+        torch.tensor([[0.0, 0.0, 1.0]]).expand(size, 3),
+    )
+    ones, per_mm = torch.ones(size, 3), torch.eye(2).expand(size, 2, 2) * 0.2  # σ is a fifth of the tile
+    seen = shade_layers(place, per_mm, above, above, ones, torch.zeros(size, 1), ones, [layer], [ones])
+    amplitude = float(seen[:, 0].max() - seen[:, 0].min())
+    assert amplitude == pytest.approx(math.exp(-((2 * math.pi * 0.2) ** 2) / 2), abs=0.06)
 
 
 def test_nothing_beneath_is_told(square):

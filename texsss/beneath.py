@@ -52,7 +52,7 @@ class Beneath(Hierarchy):
 
         def opacity(value: float | str) -> Tensor:
             return (
-                maps[value].value.mean(-1, keepdim=True)
+                maps[value].value.mean(-1, keepdim=True).clamp(0, 1)
                 if isinstance(value, str)
                 else torch.full((1, 1, 1), value)
             )
@@ -62,10 +62,10 @@ class Beneath(Hierarchy):
                 InnerLayer(
                     maps[layer.base].value.clamp(0, 1).expand(-1, -1, 3),
                     layer.depth_mm,
-                    opacity(layer.opacity) if layer is not spec.layers[-1] else None,
+                    opacity(layer.opacity) if depth < len(spec.layers) else None,
                     layer.spread,
                 )
-                for layer in spec.layers
+                for depth, layer in enumerate(spec.layers, 1)
             ]
 
         return self.stage("beneath", make, spec, maps)
@@ -107,9 +107,7 @@ class Beneath(Hierarchy):
         light, points = self.layer_light, self.texels.value.points
 
         def make():
-            bent = self.normals_at(points)
-            above = points.normal(self.mesh.value[0]) if bent is None else bent
-            return self._layered(points, above, list(light.value))
+            return self._layered(points, points.normal(self.mesh.value[0]), list(light.value))
 
         return self.stage("exitance", make, *self.beneath_key)
 

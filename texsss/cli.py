@@ -203,11 +203,11 @@ def cache_command(
         found = {"folder": str(shelf.folder), "bytes": total, "max_bytes": shelf.max_bytes, "items": listed}
         print(json.dumps(found | {"removed": removed}, indent=2))
         return
-    rows = {"folder": str(shelf.folder), "size": f"{total / 1e6:.0f} of {shelf.max_bytes / 1e6:.0f} MB"}
+    rows = {"folder": str(shelf.folder), "size": f"{total / 2**20:.0f} of {shelf.max_bytes / 2**20:.0f} MB"}
     rows |= {"removed": f"{removed} files"} if clear else {}
     for item in items:
         used = time.strftime("%F %R", time.localtime(item.used))
-        rows[item.path.stem] = f"{item.bytes / 1e6:.0f} MB, used {used}"
+        rows[item.path.stem] = f"{item.bytes / 2**20:.0f} MB, used {used}"
     show_table("Kept on disk", rows)
 
 

@@ -31,6 +31,8 @@ def estimate(scene: Scene) -> dict[str, str]:
     run = Run(StageCache(0), scene)
     (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps  # bad names and files are told now
     _ = run.lights
+    if run.layered_textures:
+        _ = run.inner, run.outer_opacity
     size, terms = scene.atlas.texels, scene.methods.terms
     unwraps = scene.atlas.uv == "xatlas" or (scene.atlas.uv == "auto" and not serves(mesh, size))
     if scene.atlas.uv == "source":

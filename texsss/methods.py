@@ -51,7 +51,7 @@ class InnerLayerSpec(Model):
     """
 
     base: str
-    depth_mm: Positive = 1.0
+    depth_mm: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
     opacity: Unit | str = 1.0
     spread: NonNegative = 0.25
 

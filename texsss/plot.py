@@ -22,7 +22,8 @@ def plot_curve(found: dict, path: Path, *, title: str) -> None:
         label = f"{name}: total {found['total'][k]:.3f}, 99 % within {radius:.3g} mm"
         axes.semilogy(found["r_mm"], positive, color=colour, linewidth=2, label=label)
         axes.axvline(radius, ymax=0.04, color=colour, linewidth=2)
-    axes.set(title=title, xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
+    axes.set_title(title, parse_math=False)
+    axes.set(xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
     axes.set_xlim(0, max(found["r_mm"]))
     axes.set_ylim(bottom=1e-6 * max(max(values) for values in channels))  # Gaussians say nothing below
     axes.grid(True, which="major", alpha=0.25)

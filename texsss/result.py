@@ -105,7 +105,9 @@ class Baked:
         """Writes the six files of a bake into `folder`, all or none; gives their paths by name.
 
         radiance.png and preview.png are display-encoded; the EXRs are linear; model.glb
-        carries the baked texture unlit, in metres. Raises AssetError: when the folder can't be written.
+        carries the baked texture unlit, in metres. EXRs are written
+        beside the picture; the report's seconds of `files` are those after it.
+        Raises AssetError: when the folder can't be written.
         """
         folder, tell = Path(folder), progress or (lambda stage, fraction: None)
         tell("files", 0.0)
@@ -186,10 +188,15 @@ class staging:
                     place.rmdir()
         if isinstance(error, OSError):
             raise unwritable(self.folder, error) from None
+        if (
+            isinstance(error, AssetError)
+            and error.__cause__ is not None
+            and str(self.temporary) in str(error)
+        ):
+            raise unwritable(self.folder, error.__cause__) from None  # told of a folder that is gone
 
 
-def unwritable(folder: Path, error: OSError) -> AssetError:
+def unwritable(folder: Path, error: BaseException) -> AssetError:
     """The one sentence for an output folder that refuses."""
-    return AssetError(
-        f"Output: {folder} cannot be written ({error.strerror or error}); choose another with --out."
-    )
+    reason = getattr(error, "strerror", None) or error
+    return AssetError(f"Output: {folder} cannot be written ({reason}); choose another with --out.")

@@ -1,5 +1,7 @@
 """Wavefront OBJ in all the ways that exporters write it, read the same."""
 
+import codecs
+
 import numpy as np
 import pytest
 
@@ -21,11 +23,12 @@ UV = [[[0, 1], [1, 1], [0, 0]], [[0, 0], [1, 1], [1, 0]]]
         "f 1/-4 2/2 -2/3\nf 3/3/-1 2/2/1 4/4/1",
         "f\t1/1  2/2\t3/3 # a comment\n  f 3/3 2/2 \\\n4/4",
         "f 1/1 2/2 3/3\r\nf 3/3 2/2 4/4\r\n",
+        "# saved from C:\\meshes\\\nf 1/1 2/2 3/3\nf 3/3 2/2 4/4",
         "g a\ns 1\nusemtl skin\nf 1/1 2/2 3/3\no b\nl 1 2\nf 3/3 2/2 4/4",
     ],
 )
 def test_all_ways_to_write_corners_are_one(faces):
-    read = read_obj((HEAD + faces).encode())
+    read = read_obj(codecs.BOM_UTF8 + (HEAD + faces).encode())
     assert read.uv is not None
     np.testing.assert_array_equal(read.faces, FACES)
     np.testing.assert_array_equal(read.uv, UV)
@@ -60,9 +63,10 @@ def test_numbers_beyond_the_ones_needed_are_left_out():
         (HEAD + "f -1 -2 -5", "line 10 .*goes 1 before the first of 4"),
         (HEAD + "f 1/-1 2/-1 3/-5", "line 10 .*goes 1 before the first of 4"),
         (HEAD + "f 1 2 99999999999999999999", "line 10 .*beyond any mesh"),
-        (HEAD + "f 1 2 5", "vertex 4 of 4"),
+        (HEAD + "f 1 2 5", "vertex 5 of 4"),
         (HEAD + "f 1/1 2/2 3/5", "texture coordinate 5 of 4"),
         (HEAD + "f 1/1 2/2 3/3\nf 3 2 4", "1 of 2 faces have no"),
+        (HEAD + "f 1/1 2/2 3\nf 3/3 2/2 4", "2 of 2 faces have no"),
         ("v 0 0 0", "1 vertices but no faces"),
         ("", "no vertices and no faces"),
     ],

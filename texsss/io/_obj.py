@@ -17,6 +17,7 @@ from texsss.io._raw import Fault, RawMesh, check_counts, check_indices
 ABSENT = 1 << 40  # stands for a corner's texture coordinate where none is stated
 LARGEST = 1 << 31  # no mesh has more of anything
 NO_DIGITS = str.maketrans("", "", "0123456789")
+COMMENTED_OUT = re.compile(r"(#.*)\\$", re.MULTILINE)  # a backslash that continues nothing
 STATEMENT = re.compile(r"^[ \t]*(vt?|f)(?:[ \t]+(.*))?$", re.MULTILINE)
 
 
@@ -26,8 +27,8 @@ def read_obj(data: bytes) -> RawMesh:
     v of texture coordinates runs up in OBJ and is turned. Raises Fault: when lines cannot be understood,
     indices lead nowhere, or only some of the faces have texture coordinates.
     """
-    text = data.decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-    text = text.replace("\\\n", " ")
+    text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    text = COMMENTED_OUT.sub(r"\1", text).replace("\\\n", " ")
     found = STATEMENT.findall(text)
     vertices, coordinates, faces = (_Statements(text, key, found) for key in ("v", "vt", "f"))
     points = vertices.table(least=3, most=3)
@@ -146,16 +147,16 @@ def _triangles(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
         polygons = corners[start[rows, None] + np.arange(size)]  # (N, n, 2)
-        check_indices(polygons[..., 0], len(points))
+        check_indices(polygons[..., 0], len(points), counted_from=1)
         cut = triangulate(points[polygons[..., 0]])  # (N, n − 2, 3)
         result[first[rows, None] + np.arange(size - 2)] = polygons[np.arange(len(rows))[:, None, None], cut]
     return result
 
 
 def _uv(places: np.ndarray, coordinates: np.ndarray) -> np.ndarray | None:
-    lacking = (places < 0).any(-1)
-    if lacking.all():
+    if (places < 0).all():
         return None
+    lacking = (places < 0).any(-1)
     if lacking.any():
         raise Fault(
             f"{np.count_nonzero(lacking):,} of {lacking.size:,} faces have no texture coordinates, others do",

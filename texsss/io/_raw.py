@@ -51,8 +51,9 @@ def check_counts(vertices: int, faces: int) -> None:
         )
 
 
-def check_indices(faces: np.ndarray, vertices: int) -> None:
+def check_indices(faces: np.ndarray, vertices: int, *, counted_from: int = 0) -> None:
     """Raises Fault when a face refers to a vertex that the file does not have."""
     if faces.size and (faces.min() < 0 or faces.max() >= vertices):
         wrong = int(faces.max()) if faces.max() >= vertices else int(faces.min())
+        wrong += counted_from
         raise Fault(f"a face refers to vertex {wrong} of {vertices}", "the file is damaged, export it again")

@@ -93,7 +93,12 @@ def project(
 def radial_error(
     fit: GaussianSum, spectrum: Float[Tensor, "*B S C"], s: Float[Tensor, " S"], ds: Float[Tensor, " S"]
 ) -> Float[Tensor, "*B C"]:
-    """√∫ r (R - fit)² dr / √∫ r R² dr, the metric of d'Eon et al. 2007, by Parseval over `s`, `ds`."""
+    """√∫ r (R - fit)² dr / √∫ r R² dr, the metric of d'Eon et al. 2007, by Parseval over `s`, `ds`.
+
+    0 where nothing comes back.
+    """
     weight = (s * ds)[:, None]
     wrong = (weight * (fit.hankel(s) - spectrum) ** 2).sum(-2)
-    return torch.sqrt(wrong / (weight * spectrum**2).sum(-2))
+    right = (weight * spectrum**2).sum(-2)
+    some = right > 0
+    return torch.where(some, torch.sqrt(wrong / torch.where(some, right, 1)), 0)

@@ -1,10 +1,10 @@
 """Layered textures with depth parallax: an outer layer to look through, inner ones that shift."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import torch
+from torch.nn.functional import interpolate
 
 from texsss.errors import DomainError, ShapeError
 from texsss.numerics.sampling import Texture, bilinear
@@ -18,13 +18,15 @@ class InnerLayer:
     """A flat layer below the surface: `base` (H, W, 3) linear colour, tiled; `depth_mm` below the one above.
 
     `opacity` (H, W, 1), 0..1: of layers that have another one below; None is opaque. `spread`: radius
-    of the blur of `base` per distance looked through, mm per mm.
+    of the blur of `base` per distance looked through, mm per mm. `copies`: `base`, and blurred ones whose
+    deviations double, from one texel to the whole tile.
     """
 
     base: Float[Tensor, "H W 3"]
     depth_mm: float
     opacity: Float[Tensor, "h w 1"] | None = None
     spread: float = 0.25
+    copies: tuple[Texture, ...] = field(init=False)
 
     def __post_init__(self):
         if not (0 <= self.depth_mm < float("inf") and 0 <= self.spread < float("inf")):
@@ -32,13 +34,7 @@ class InnerLayer:
                 f"InnerLayer: expected a finite depth [mm] and spread >= 0, got "
                 f"{self.depth_mm:g} and {self.spread:g}."
             )
-
-    @cached_property
-    def copies(self) -> list[Texture]:
-        """`base`, and blurred copies of it whose deviations double, from one texel."""
-        count = max(1, min(8, max(self.base.shape[:2]).bit_length() - 2))
-        images = [self.base, *(_smoothed(self.base, 2.0**k) for k in range(count - 1))]
-        return [Texture.of(image, "repeat") for image in images]
+        object.__setattr__(self, "copies", _copies(self.base))
 
 
 def transmission(view: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
@@ -155,6 +151,18 @@ def _smoothed(image: Float[Tensor, "H W C"], deviation: float) -> Float[Tensor, 
     return torch.fft.irfft2(
         torch.fft.rfft2(image, dim=(0, 1)) * decay[..., None], s=(height, width), dim=(0, 1)
     )
+
+
+def _copies(base: Float[Tensor, "H W 3"]) -> tuple[Texture, ...]:
+    """`base` and blurred copies of it; the blurrier, the fewer texels they need."""
+    height, width, _ = base.shape
+    images = [base]
+    for k in range(max(height, width).bit_length() - 1):
+        step = 2 ** max(0, k - 2)
+        size = (max(1, height // step), max(1, width // step))
+        planes = _smoothed(base, 2.0**k).permute(2, 0, 1)[None]
+        images.append(interpolate(planes, size=size, mode="area")[0].permute(1, 2, 0))
+    return tuple(Texture.of(image, "repeat") for image in images)
 
 
 def _blurred(

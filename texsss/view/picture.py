@@ -34,8 +34,8 @@ def picture(
 
     `shader` gives the radiance (P, 3) of hits. Every pixel is looked at once; where neighbours differ
     (outlines, shadow edges, highlights), stratified rays take its place: a few, and all `samples` where
-    those differ, too. Their mean, background included, weighs bright ones down, 1 / (1 + brightness /
-    mean), lest a single highlight or a bright rim leave a jagged white edge.
+    those differ, too, rounded up to a square. Their mean, background included, weighs bright ones down,
+    1 / (1 + brightness / mean), lest a single highlight or a bright rim leave a jagged white edge.
     `background`: a linear colour, or two: top and bottom. `centres`: pixels and the radiance at their
     `centre_hits`, in parts, where it is known already.
     Raises DomainError: when samples is below 1. Raises Cancelled.
