@@ -197,7 +197,7 @@ def test_star_polygons_are_cut_into_their_own_area(seed, count):
         (b"version https://git-lfs.github.com/spec/v1", "Git LFS"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
         (b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3", "NaN"),
-        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4", "vertex 3 of 3"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4", "vertex 4 of 3"),
         (b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3", "one point"),
         (b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3", "no triangle has any area"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\nf 1 2 3", "1 of 2 faces have no texture"),
