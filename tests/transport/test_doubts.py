@@ -54,7 +54,7 @@ def laid_out(name: str) -> TexelMaps:
         ("open", "surface is open: light ends at 8 edges, as near ("),
         ("non-manifold", "1 edges join more than two faces, as near (5, 0, 0) mm"),
         ("lone", "1 of 5 charts share no edge with another, as near (53.33, 3, 0) mm"),
-        ("overlap", "1 faces lie under others in uv and take their light, as near ("),
+        ("overlap", "1 face lies under others in uv, lit as those are, as near ("),
         ("no padding", "touch another chart, as near ("),
         ("coarse", "do not suit a Gaussian of 10 mm"),
         ("fine", "do not suit a Gaussian of 1 mm"),

@@ -61,15 +61,15 @@ def _of_charts(texels: TexelMaps) -> list[str]:
     under = lost > LOST * mesh.face_area
     if bool(under.any()):
         said.append(
-            f"{int(under.sum()):,} faces lie under others in uv and take their light, as near "
-            f"{_place(centre[lost.argmax()])}; unwrap the mesh, or take uv xatlas."
+            f"{_many(int(under.sum()), 'face lies', 'faces lie')} under others in uv, lit as those are, "
+            f"as near {_place(centre[lost.argmax()])}; unwrap the mesh, or take uv xatlas."
         )
     touching = _touching(texels, chart)
     if len(touching):
         at = texels.points[touching[:1]].position(mesh).detach()[0]
         said.append(
-            f"{len(touching):,} texels touch another chart, as near {_place(at)}: look-ups mix both; "
-            "leave padding between charts, or take a larger atlas."
+            f"{_many(len(touching), 'texel touches', 'texels touch')} another chart, as near {_place(at)}: "
+            "look-ups mix both; leave padding between charts, or take a larger atlas."
         )
     return said
 
@@ -112,3 +112,8 @@ def _of_sizes(texels: TexelMaps, variances: Float[Tensor, " K"]) -> list[str]:
 
 def _place(at: Float[Tensor, "3"]) -> str:
     return "({:.4g}, {:.4g}, {:.4g}) mm".format(*at.tolist())
+
+
+def _many(count: int, one: str, more: str) -> str:
+    """How many of what there are, as English has it."""
+    return f"{count:,} {one if count == 1 else more}"
