@@ -16,7 +16,7 @@ STAGE_VERSIONS = {
     "maps": 1,
     "albedo": 1,
     "sites": 1,
-    "light": 1,
+    "light": 2,
     "operators": 3,
     "doubts": 1,
     "bank": 1,

@@ -9,10 +9,11 @@ import torch
 
 from texsss.errors import DomainError, ShapeError
 from texsss.media import fresnel
-from texsss.types import Float, Tensor, unit
+from texsss.types import Float, Int, Tensor, unit
 
 Triple = Sequence[int | float] | Tensor
 MM2_PER_M2 = 1e6
+POOL = 256  # cells along a square from which directions are drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,21 @@ class Environment(Light, Protocol):
 
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """Irradiance that enters where nothing shadows [W/m²], as a function of unit normals (P, 3)."""
+        ...
+
+    def look(
+        self,
+        bright: bool,
+        cell: Int[Tensor, " P"],
+        sphere: Float[Tensor, "D 3"],
+        normal: Float[Tensor, "P 3"],
+    ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P C"]]:
+        """Directions to look in, and what comes from there in proportion to radiance × cosine / density.
+
+        `bright`: whether to look where light comes from or all around; as many looks are of either kind.
+        `cell`: which of POOL² parts of a square, or of the `sphere`'s unit directions, to draw from. C is
+        1 where all channels are alike, else 3. Without gradients.
+        """
         ...
 
 
@@ -185,6 +201,17 @@ class ConstantEnvironment:
         share = math.pi * fresnel.F_dt(eta)
         return lambda normal: share * like(self.radiance, normal).expand_as(normal)
 
+    def look(
+        self,
+        bright: bool,
+        cell: Int[Tensor, " P"],
+        sphere: Float[Tensor, "D 3"],
+        normal: Float[Tensor, "P 3"],
+    ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 1"]]:
+        """See `Environment.look`; directions are distributed as the cosine."""
+        direction, _ = tilted(normal, sphere.index_select(0, cell))
+        return direction, torch.ones_like(direction[:, :1])
+
 
 def cosine_hemisphere(
     normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
@@ -198,6 +225,19 @@ def cosine_hemisphere(
     tangent, bitangent = basis(normal)
     direction = x[:, None] * tangent + y[:, None] * bitangent + z[:, None] * normal
     return direction, z
+
+
+def tilted(
+    normal: Float[Tensor, "P 3"], sphere: Float[Tensor, "P 3"]
+) -> tuple[Float[Tensor, "P 3"], Float[Tensor, " P"]]:
+    """Unit directions around `normal` with density cosine / π, and their cosines.
+
+    `sphere`: unit directions that are uniform; a sphere that rests on the surface shows what each is
+    worth: seen from where it touches, its area is spread as the cosine.
+    """
+    direction = normal + sphere
+    length = torch.linalg.vector_norm(direction, dim=1).clamp_min(1e-6)
+    return direction / length[:, None], length / 2
 
 
 def disk(square: Float[Tensor, "P 2"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:

@@ -8,15 +8,15 @@ from functools import cached_property
 import torch
 
 from texsss.errors import DomainError
-from texsss.light.emitters import LightSamples, cosine_hemisphere
+from texsss.light.emitters import POOL, LightSamples, cosine_hemisphere, tilted
 from texsss.media import fresnel
 from texsss.numerics.sampling import bilinear
 from texsss.types import Float, Int, Tensor, unit
 
-_WIDEST = 2048  # texels that samples are chosen from; larger panoramas are averaged down
-_POOL = 256  # square of directions that samples are chosen from
+_WIDEST = 1024  # texels that samples are chosen from; larger panoramas are averaged down
 _CELLS = 96  # normals around which unshadowed light is summed
 _SOURCES = 48  # width of the panorama that it is summed over
+_STEPS = 8192  # of the cosine, between which what enters is looked up
 _UNIFORM = 0.05  # share of the mean brightness added everywhere, so that nothing is never sampled
 
 
@@ -68,32 +68,63 @@ class ImageEnvironment:
         irradiance = radiance / ((density + cosine / math.pi) / 2).clamp_min(1e-12)[:, None]
         return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
 
+    def look(
+        self,
+        bright: bool,
+        cell: Int[Tensor, " P"],
+        sphere: Float[Tensor, "D 3"],
+        normal: Float[Tensor, "P 3"],
+    ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
+        """See `Environment.look`; bright looks follow the panorama's brightness, others the cosine.
+
+        Each is weighted by both densities together, as in `sample`.
+        """
+        if not bright:
+            direction, cosine = tilted(normal, sphere.index_select(0, cell))
+            found = self._cells.to(normal).index_select(0, self._texel(direction))
+            radiance, density = found[:, :3], found[:, 3]
+        else:
+            drawn = self._pool.to(normal).index_select(0, cell)
+            direction, radiance, density = drawn[:, :3], drawn[:, 3:6], drawn[:, 6]
+            cosine = (normal * direction).sum(-1).clamp_min(0)
+        return direction, radiance * (cosine / (density + cosine / math.pi).clamp_min(1e-12))[:, None]
+
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """See `Environment.unoccluded`: summed for a grid of normals, bilinear between them."""
-        image = self.image.detach().double()
-        if image.shape[1] < _SOURCES:
+        power = self._power
+        if power.shape[1] < _SOURCES:
             height, width = _SOURCES // 2, _SOURCES
-            image = _looked_up(image, _centres(height, width)).reshape(height, width, 3)
-        power = image * _solid_angle(*image.shape[:2])[:, None, None]
+            image = _looked_up(self.image.detach().double(), _centres(height, width))
+            power = image.reshape(height, width, 3) * _solid_angle(height, width)[:, None, None]
         light = _gathered(power, _SOURCES).reshape(-1, 3)
         # the light of a cell comes from where it is in it: a sun need not be at the centre
-        where = _direction(_centres(*image.shape[:2])).reshape(image.shape)
+        where = _direction(_centres(*power.shape[:2])).reshape(power.shape)
         centres = unit(_gathered(power.mean(-1, keepdim=True) * where, _SOURCES).reshape(-1, 3)).float()
         light = light.float()
+        step = torch.linspace(0, 1, _STEPS + 1)
+        entering = step * fresnel.transmittance(step, eta)
         normals = _direction(_centres(_CELLS // 2, _CELLS)).float()
         rows = []
         for part in normals.split(256):
-            cosine = (part @ centres.T).clamp_min(0)
-            rows.append((cosine * fresnel.transmittance(cosine, eta)) @ light)
+            cosine = (part @ centres.T).clamp(0, 1)
+            near = (cosine * _STEPS).round_().int()
+            rows.append(entering.index_select(0, near.reshape(-1)).reshape(near.shape) @ light)
         received = self.intensity * torch.cat(rows).reshape(_CELLS // 2, _CELLS, 3)
         return lambda normal: _looked_up(received.to(normal), self._uv(normal))
 
     @cached_property
+    def _power(self) -> Float[Tensor, "h w 3"]:
+        """Radiance × solid angle, merged into the texels that samples are chosen from. float64."""
+        image = self.image.detach()
+        angle = _solid_angle(*image.shape[:2]).to(image)
+        return _gathered(image * angle[:, None, None], _WIDEST).double()
+
+    @cached_property
     def _pool(self) -> Float[Tensor, "D 7"]:
         """Directions drawn once, one in each cell of a square: direction, radiance, density [1/sr]."""
-        step = torch.arange(_POOL) / _POOL
+        step = torch.arange(POOL) / POOL
         corner = torch.stack(torch.meshgrid(step, step, indexing="ij"), -1).reshape(-1, 2)
-        within = torch.rand(len(corner), 2, generator=torch.Generator().manual_seed(0)) / _POOL
+        within = torch.rand(len(corner), 2, generator=torch.Generator().manual_seed(0)) / POOL
         direction = self._drawn((corner + within).clamp_max(1 - 1e-7))
         return torch.cat(
             [direction, self.radiance_from(direction), self._density(direction)[:, None]], 1
@@ -102,9 +133,7 @@ class ImageEnvironment:
     @cached_property
     def _chances(self) -> tuple[Tensor, Tensor, Tensor]:
         """Density per steradian (h, w); cumulative chance of rows (h,); of columns in them, + row (h w,)."""
-        image = self.image.detach().double()
-        power = image.mean(-1, keepdim=True) * _solid_angle(*image.shape[:2])[:, None, None]
-        power = _gathered(power, _WIDEST)[..., 0]
+        power = self._power.mean(-1)
         angle = _solid_angle(*power.shape)[:, None]
         bright = _spread(power / angle)
         bright = bright + _UNIFORM * bright.mean() + 1e-30
@@ -112,6 +141,13 @@ class ImageEnvironment:
         rows = share.sum(1)
         columns = share.cumsum(1) / rows[:, None] + torch.arange(len(rows))[:, None]
         return (share / angle).float(), rows.cumsum(0), columns.reshape(-1)
+
+    @cached_property
+    def _cells(self) -> Float[Tensor, "N 4"]:
+        """Mean radiance and density [1/sr] of each texel that samples are chosen from, row by row."""
+        density = self._chances[0]
+        radiance = self.intensity * self._power / _solid_angle(*density.shape)[:, None, None]
+        return torch.cat([radiance.float(), density[..., None]], -1).reshape(-1, 4)
 
     def _drawn(self, square: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
         """Directions with the panorama's density, uniform within each texel."""
@@ -137,11 +173,14 @@ class ImageEnvironment:
 
     def _density(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, " P"]:
         """Of `_drawn` [1/sr]."""
-        density = self._chances[0].to(direction)
-        height, width = density.shape
-        u, v = self._uv(direction.detach()).unbind(-1)
+        return self._chances[0].to(direction).reshape(-1)[self._texel(direction.detach())]
+
+    def _texel(self, direction: Float[Tensor, "P 3"]) -> Int[Tensor, " P"]:
+        """Which of the texels that samples are chosen from lies there."""
+        height, width = self._chances[0].shape
+        u, v = self._uv(direction).unbind(-1)
         row = (v * height).long().clamp(0, height - 1)
-        return density[row, torch.floor(u * width).long() % width]
+        return row * width + torch.floor(u * width).long() % width
 
     def _uv(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 2"]:
         """Where in the image a world direction is; u goes round."""
@@ -152,8 +191,8 @@ class ImageEnvironment:
 
 def _cell(square: Float[Tensor, "P 2"]) -> Int[Tensor, " P"]:
     """Which of the pool's cells."""
-    row, column = (square * _POOL).long().clamp(0, _POOL - 1).unbind(-1)
-    return row * _POOL + column
+    row, column = (square * POOL).long().clamp(0, POOL - 1).unbind(-1)
+    return row * POOL + column
 
 
 def _direction(uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
@@ -206,8 +245,10 @@ def _gathered(values: Float[Tensor, "H W D"], widest: int) -> Float[Tensor, "h w
 
 def _merged(values: Float[Tensor, "H W D"], cells: int) -> Float[Tensor, "h W D"]:
     """Rows summed into `cells` equal spans; a row across an edge is divided."""
-    total = torch.cat([torch.zeros_like(values[:1]), values.cumsum(0)])
+    if values.shape[0] % cells == 0:
+        return values.unflatten(0, (cells, -1)).sum(1)
+    total = torch.cat([torch.zeros_like(values[:1]), values]).double().cumsum(0)
     edge = torch.arange(cells + 1, dtype=torch.float64) * values.shape[0] / cells
     before = edge.long().clamp_max(values.shape[0] - 1)
-    upto = torch.lerp(total[before], total[before + 1], (edge - before)[:, None, None].to(values))
+    upto = torch.lerp(total[before], total[before + 1], (edge - before)[:, None, None].to(total))
     return upto[1:] - upto[:-1]

@@ -9,7 +9,7 @@ from torch.quasirandom import SobolEngine
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
 from texsss.light.sites import Sites, dot, sites_at
-from texsss.light.smoothing import neighbours_mean
+from texsss.light.sky import open_shares
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.mesh import Mesh
@@ -66,9 +66,7 @@ def irradiance_at(
     generator = torch.Generator().manual_seed(seed)
     surroundings = [light for light in lights if isinstance(light, Environment)]
     nearby = [light for light in lights if not isinstance(light, Environment)]
-    traced = -(-environment_samples // sharing)
-    parts, shares = [], []  # light of the others; of each environment, with and without shadows
-    rows = chunks(len(sites), RAYS)
+    parts, rows = [], chunks(len(sites), RAYS)
     for k, row in enumerate(rows):
         site = sites[row]
         total = torch.zeros_like(site.position)
@@ -77,27 +75,17 @@ def irradiance_at(
                 squares = [total.new_zeros(len(total), 2)]
             else:
                 squares = _squares(area_samples, len(total), seed + number, generator)
-            total = total + _sampled(light, site, eta, occluder, squares, cancel)[0]
+            total = total + _sampled(light, site, eta, occluder, squares, cancel)
         parts.append(total)
-        free = [total.new_zeros(len(total), 0)]
-        for number, light in enumerate(surroundings):
-            squares = _squares(traced, len(total), seed + number, generator)
-            seen, whole = _sampled(light, site, eta, occluder, squares, cancel)
-            free += [seen, whole]
-        shares.append(torch.cat(free, 1))
-        if progress is not None:
+        if progress is not None and not surroundings:
             progress("light", (k + 1) / len(rows))
-    if not parts:
-        return torch.zeros_like(sites.position)
-    total = torch.cat(parts)
+    total = torch.cat(parts) if parts else torch.zeros_like(sites.position)
     if surroundings:
-        free = torch.cat(shares)
-        if sharing > 1 and occluder is not None:
-            free = neighbours_mean(sites.position, sites.smooth, free, sharing)
-        for number, light in enumerate(surroundings):
-            seen, whole = free[:, 6 * number : 6 * number + 3], free[:, 6 * number + 3 : 6 * number + 6]
-            # both are the same samples: where nothing is hidden their ratio is exactly 1
-            share = torch.where(whole > 0, seen / torch.where(whole > 0, whole, 1.0), 1.0)
+        shares = open_shares(
+            sites, surroundings, eta=eta, occluder=occluder, samples=environment_samples,
+            sharing=sharing, seed=seed, progress=progress, cancel=cancel,
+        )  # fmt: skip
+        for light, share in zip(surroundings, shares, strict=True):
             total = total + light.unoccluded(eta)(sites.normal) * share
     return total
 
@@ -109,13 +97,13 @@ def _sampled(
     occluder: Occluder | None,
     squares: Iterable[Tensor],
     cancel: Cancel | None,
-) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
-    """Entered irradiance of one light with and without shadows, means over `squares` (P, 2) in 0..1².
+) -> Float[Tensor, "P 3"]:
+    """Entered irradiance of one light, the mean over `squares` (P, 2) in 0..1².
 
     Only sites that face the light are computed, and traced.
     """
     count = 0
-    total, unshadowed = torch.zeros_like(site.position), torch.zeros_like(site.position)
+    total = torch.zeros_like(site.position)
     for square in squares:
         check_cancelled(cancel)
         count += 1
@@ -126,11 +114,9 @@ def _sampled(
             continue
         cosine, direction = cosine[rows], seen.direction[rows]
         entering = seen.irradiance[rows] * (cosine * fresnel.transmittance(cosine, eta))[:, None]
-        if not light.is_delta:
-            unshadowed = unshadowed.index_add(0, rows, entering)
         hidden = _hidden(occluder, site, rows, direction, seen.distance[rows])
         total = total.index_add(0, rows, entering * (~hidden)[:, None])
-    return (total, unshadowed) if count == 1 else (total / count, unshadowed / count)
+    return total if count == 1 else total / count
 
 
 def _hidden(

@@ -1,34 +1,43 @@
 """Means over nearby points that face the same way: noise down without losing shape."""
 
+from collections.abc import Sequence
+
 import torch
 from scipy.spatial import KDTree
 
-from texsss.types import Float, Tensor, chunks
+from texsss.numerics.threads import in_threads
+from texsss.types import Cancel, Float, Tensor, check_cancelled, chunks
 
-_CHUNK = 1 << 17
+_CHUNK = 1 << 13  # points at a time: their neighbours stay in the cache
 _SHARPNESS = 4  # power of the cosine between normals that weighs a neighbour
 
 
 def neighbours_mean(
-    position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], values: Float[Tensor, "P C"], count: int
-) -> Float[Tensor, "P C"]:
-    """Mean of `values` over each point's `count` nearest ones, itself included.
+    position: Float[Tensor, "P 3"],
+    normal: Float[Tensor, "P 3"],
+    values: Sequence[Float[Tensor, "P C"]],
+    count: int,
+    cancel: Cancel | None = None,
+) -> list[Float[Tensor, "P C"]]:
+    """Means of each of `values` over each point's `count` nearest ones, itself included.
 
     They weigh by cos⁴ between unit normals, 0 where they face apart: the other side of a thin part or
-    of closed lips does not mix in. Differentiable in values.
+    of closed lips does not mix in. Without gradients. Raises Cancelled.
     """
     count = min(count, len(position))
-    places = position.detach().cpu().numpy()
+    places, facing = position.detach().cpu().numpy(), normal.detach().contiguous()
+    widths = [value.shape[1] for value in values]
+    table = torch.cat([value.detach() for value in values], 1)
     tree = KDTree(places, balanced_tree=False, compact_nodes=False)
-    facing = normal.detach()
-    means = []
-    for rows in chunks(len(places), _CHUNK):
-        _, found = tree.query(places[rows], k=count, workers=torch.get_num_threads())
-        near = torch.from_numpy(found).reshape(-1, count).to(values.device)
-        total, weights = torch.zeros_like(values[rows]), values.new_zeros(len(near), 1)
-        for column in near.unbind(1):
-            weight = (facing[rows] * facing[column]).sum(-1, keepdim=True).clamp_min(0) ** _SHARPNESS
-            total = total + weight * values[column]
-            weights = weights + weight
-        means.append(torch.where(weights > 0, total / weights.clamp_min(1e-6), values[rows]))
-    return torch.cat(means)
+
+    def mean(rows: slice) -> Float[Tensor, "rows D"]:
+        check_cancelled(cancel)
+        found = torch.from_numpy(tree.query(places[rows], k=count)[1]).to(table.device).reshape(-1)
+        around = facing.index_select(0, found).reshape(-1, count, 3)
+        weight = (around * facing[rows, None]).sum(-1).clamp_min(0) ** _SHARPNESS
+        near = table.index_select(0, found).reshape(-1, count, table.shape[1])
+        total = (weight[:, :, None] * near).sum(1)
+        whole = weight.sum(1, keepdim=True)
+        return torch.where(whole > 0, total / whole.clamp_min(1e-6), table[rows])
+
+    return list(torch.cat(in_threads(mean, chunks(len(places), _CHUNK))).split(widths, 1))

@@ -1,5 +1,7 @@
 """Which points see each other: rays against the mesh, by Embree."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from embreex.mesh_construction import TriangleMesh
@@ -10,6 +12,7 @@ from texsss.types import Bool, Float, Int, Tensor
 
 OFFSET = 2e-5  # how far rays start off the surface, as a share of half the mesh's extent
 FACE_BYTES = 130  # that Embree's hierarchy takes per face, as measured
+FARTHEST = 1e37  # what a ray reaches, in the cube
 _FLOAT32_STEP = 2.0**-23
 
 
@@ -60,14 +63,18 @@ class Occluder:
         """
         if origins.shape[0] == 0:
             return torch.zeros(0, dtype=torch.bool, device=origins.device)
-        start, ahead = self._rays(origins, directions, directions if normals is None else normals)
-        reach = np.full(len(start), 1e37, dtype=np.float32)
-        if distance is not None:
-            # short of the end, lest a target on a surface shadow itself
-            unit = distance.detach().cpu().double() * self._scale - 2 * self._offset
-            reach = unit.clamp(0, 1e37).to(torch.float32).numpy()
-        hit = self._scene.run(start, ahead, dists=reach, query="OCCLUDED") >= 0
-        return torch.from_numpy(hit).to(origins.device)
+        starts = self.starts(origins, directions if normals is None else normals)
+        if distance is None:
+            return starts.hidden(directions)
+        # short of the end, lest a target on a surface shadow itself
+        unit = distance.detach().cpu().double() * self._scale - 2 * self._offset
+        return starts.hidden(directions, unit.clamp(0, FARTHEST).to(torch.float32))
+
+    def starts(self, origins: Float[Tensor, "P 3"], away: Float[Tensor, "P 3"]) -> "Starts":
+        """Where rays from `origins` [mm] start, `offset_mm` off them along unit `away`; for many rays."""
+        start = (origins.detach().cpu().double() - self._centre) * self._scale
+        start = start + self._offset * away.detach().cpu()
+        return Starts(self._scene, start.to(torch.float32), origins.device)
 
     def closest(
         self, origins: Float[Tensor, "P 3"], directions: Float[Tensor, "P 3"]
@@ -76,8 +83,9 @@ class Occluder:
 
         `origins` [mm] are off the surface, `directions` of unit length.
         """
-        start, ahead = self._rays(origins, directions, None)
-        hit = self._scene.run(start, ahead, output=True)
+        start = (origins.detach().cpu().double() - self._centre) * self._scale
+        ahead = directions.detach().to("cpu", torch.float32)
+        hit = self._scene.run(_floats(start.to(torch.float32)), _floats(ahead), output=True)
         face = torch.from_numpy(hit["primID"]).long()
         missed = face < 0
         u, v = torch.from_numpy(hit["u"]), torch.from_numpy(hit["v"])
@@ -89,18 +97,27 @@ class Occluder:
         device, dtype = origins.device, origins.dtype
         return face.to(device), bary.to(device, dtype), distance.to(device, dtype)
 
-    def _rays(
-        self,
-        origins: Float[Tensor, "P 3"],
-        directions: Float[Tensor, "P 3"],
-        away: Float[Tensor, "P 3"] | None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Origins, moved off the surface along `away`, and directions in Embree's frame."""
-        start = (origins.detach().cpu().double() - self._centre) * self._scale
-        if away is not None:
-            start = start + self._offset * away.detach().cpu()
-        ahead = directions.detach().cpu()
-        return (
-            np.ascontiguousarray(start.to(torch.float32).numpy()),
-            np.ascontiguousarray(ahead.to(torch.float32).numpy()),
-        )
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """P points that rays start from, in the frame of Embree's `scene`; `device` takes the answers."""
+
+    scene: EmbreeScene
+    place: Float[Tensor, "P 3"]
+    device: torch.device
+
+    def __getitem__(self, rows: Int[Tensor, " R"]) -> "Starts":
+        return Starts(self.scene, self.place[rows.cpu()], self.device)
+
+    def hidden(
+        self, directions: Float[Tensor, "P 3"], reach: Float[Tensor, " P"] | None = None
+    ) -> Bool[Tensor, " P"]:
+        """Whether anything stands along unit `directions`, within `reach` (in Embree's frame) or at all."""
+        ahead = directions.detach().to("cpu", torch.float32)
+        reaches = None if reach is None else reach.numpy()
+        hit = self.scene.run(_floats(self.place), _floats(ahead), dists=reaches, query="OCCLUDED")
+        return torch.from_numpy(hit >= 0).to(self.device)
+
+
+def _floats(values: Float[Tensor, "P 3"]) -> np.ndarray:
+    return np.ascontiguousarray(values.numpy())
