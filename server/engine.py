@@ -8,7 +8,7 @@ from texsss_server.encode import BAKES, LINEAR, PICTURES, archive, encoded, glb,
 from texsss_server.settings import MB, Settings
 from texsss_server.worker import Turn
 
-from texsss.baker import Baker
+from texsss.baker import Baker, lasting_shelf
 from texsss.curve import presets
 from texsss.scene import Scene
 from texsss.specs import OutputSpec
@@ -23,7 +23,8 @@ class Engine:
     def __init__(self, settings: Settings, store: Store):
         torch.set_num_threads(settings.threads)
         self.settings = settings
-        self.baker = Baker(int(settings.cache_mb * MB), assets=store.path)
+        shelf = lasting_shelf(settings.disk_mb)
+        self.baker = Baker(int(settings.cache_mb * MB), assets=store.path, shelf=shelf)
 
     @property
     def cache_bytes(self) -> int:

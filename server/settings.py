@@ -33,6 +33,8 @@ class Settings(BaseSettings):
     """Results of stages."""
     answers_mb: Positive = 128
     """Encoded answers, which identical requests get again."""
+    disk_mb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 4096
+    """Operators that outlast the service, in the user's cache folder (TEXSSS_CACHE_DIR); 0 keeps none."""
     warm: bool = True
     """Whether the default scene is made ready in the background."""
 

@@ -94,9 +94,9 @@ class Baker:
         return Run(self.cache, scene, progress, cancel, self.assets)
 
 
-def lasting_shelf() -> Shelf:
-    """The user's shelf for results that are dear; see `texsss.shelf`."""
-    return users_shelf(KINDS)
+def lasting_shelf(size_mb: float | None = None) -> Shelf:
+    """The user's shelf for results that are dear; see `texsss.shelf.users_shelf`."""
+    return users_shelf(KINDS, size_mb)
 
 
 def bake(scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:

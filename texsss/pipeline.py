@@ -71,7 +71,6 @@ class Run(Beneath):
             fits = affordable(texels, variances, BUDGET_BYTES)
             return surface_operators(texels, variances[fits], **self.hooks("operators"))
 
-        _ = self.doubts  # while it is no news: reports are made of what is kept
         return self.stage("operators", make, self.texels, variances)
 
     @cached_property
@@ -265,6 +264,9 @@ class Run(Beneath):
         """Everything but the picture, which is taken when asked for."""
         scene = self.scene
         result = (self.irradiance.value, self.exitance, self.weights("total").value)
+
+        if self.operators is not None:
+            _ = self.doubts  # the report tells of it, which asks for nothing new
 
         def encode(image: Tensor) -> Tensor:
             return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)

@@ -94,12 +94,20 @@ class Shelf:
             total -= item.bytes
 
 
-def users_shelf(kinds: tuple[type, ...] = ()) -> Shelf:
-    """The shelf of whoever runs this: in TEXSSS_CACHE_DIR or the user's cache, of TEXSSS_DISK_MB [MB].
+def users_shelf(kinds: tuple[type, ...] = (), size_mb: float | None = None) -> Shelf:
+    """The shelf of whoever runs this, in TEXSSS_CACHE_DIR or the user's cache.
+
+    `size_mb` takes the place of TEXSSS_DISK_MB.
 
     Raises DomainError: when TEXSSS_DISK_MB is not a number of 0 or more; 0 keeps nothing.
     """
     folder = Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")) / "operators"
+    if size_mb is None:
+        size_mb = _told_mb()
+    return Shelf(folder, int(size_mb * (1 << 20)), kinds)
+
+
+def _told_mb() -> float:
     text = os.environ.get("TEXSSS_DISK_MB", str(DEFAULT_MB))
     try:
         size = float(text)
@@ -109,4 +117,4 @@ def users_shelf(kinds: tuple[type, ...] = ()) -> Shelf:
         raise DomainError(
             f"TEXSSS_DISK_MB: expected a number of MB, 0 or more, got {text!r}; 0 keeps nothing."
         )
-    return Shelf(folder, int(size * (1 << 20)), kinds)
+    return size

@@ -9,12 +9,12 @@ from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
-from texsss.light.sites import smooth_origin
+from texsss.light.sites import dot, smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.numerics.sampling import Texture
 from texsss.surface.mesh import Mesh
-from texsss.types import Float, Tensor, unit
+from texsss.types import Bool, Float, Int, Tensor, unit
 from texsss.view import ggx
 from texsss.view.camera import Hits
 
@@ -106,7 +106,7 @@ def sight(
     sampled with `seed`. Differentiable in albedo, lights, gloss and normals.
     """
     normal = facing(hits.points.normal(mesh) if normals is None else normals, hits.view)
-    cosine = (normal * hits.view).sum(-1)
+    cosine = dot(normal, hits.view)
     gain = (fresnel.transmittance(cosine, eta) / (math.pi * fresnel.F_dt(eta)))[:, None].expand(-1, 3)
     if albedo is not None and mesh.source_uv is not None:
         gain = gain * Texture.of(albedo, "repeat").at(hits.points.uv(mesh.source_uv))
@@ -114,17 +114,18 @@ def sight(
     if gloss is None or not lights:
         return Sight(hits, gain, mirrored)
     site = _Site(hits, mesh, normal, occluder)
-    seed = seed + SEEDS_APART * hits.sample
+    seed = seed + SEEDS_APART * hits.sample + int(hits.pixel[:1].sum())
     generator = torch.Generator().manual_seed(seed)
     for number, light in enumerate(lights):
         if isinstance(light, Environment):
             squares = _squares(environment_samples, len(cosine), seed + number, generator)
             mirrored = mirrored + _mirrored(light, site, gloss, eta, squares)
         else:
-            count = 1 if light.is_delta else area_samples
-            squares = _squares(count, len(cosine), seed + number, generator)
+            squares = [torch.zeros(len(cosine), 2)]
+            if not light.is_delta:
+                squares = _squares(area_samples, len(cosine), seed + number, generator)
             mirrored = mirrored + _highlight(light, site, gloss, eta, squares)
-    return Sight(hits, gain, mirrored * _per_hit(gloss.strength, cosine)[:, None])
+    return Sight(hits, gain, mirrored * _per_hit(gloss.strength, site)[:, None])
 
 
 def facing(normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
@@ -148,22 +149,15 @@ class _Site:
 
     def free(
         self,
-        direction: Float[Tensor, "P 3"],
-        distance: Float[Tensor, " P"] | None,
-        carried: Float[Tensor, " P"],
-    ) -> Float[Tensor, " P"]:
-        """`carried`, with 0 where something stands in the way; rays only where it is not 0 already."""
+        rows: Int[Tensor, " L"],
+        direction: Float[Tensor, "L 3"],
+        distance: Float[Tensor, " L"] | None,
+    ) -> Bool[Tensor, " L"]:
+        """Whether nothing stands between these hits and what lies along `direction`."""
         if self.occluder is None:
-            return carried
-        rows = (carried.detach() > 0).nonzero()[:, 0]
-        hidden = self.occluder.occluded(
-            self.origin[rows],
-            direction[rows],
-            None if distance is None else distance[rows],
-            normals=self.face_normal[rows],
-        )
-        seen = torch.zeros_like(carried).index_put((rows,), (~hidden).to(carried.dtype))
-        return carried * seen
+            return torch.ones_like(rows, dtype=torch.bool)
+        origin, normal = self.origin[rows], self.face_normal[rows]
+        return ~self.occluder.occluded(origin, direction, distance, normals=normal)
 
 
 def _highlight(
@@ -171,14 +165,17 @@ def _highlight(
 ) -> Float[Tensor, "P 3"]:
     """Mirrored radiance of a light that is sampled by itself."""
     total = torch.zeros_like(site.position)
-    like = site.position[:, 0]
     for square in squares:
         seen = light.sample(site.position, site.normal, square.to(site.position))
-        carried = torch.zeros_like(like)
-        for share, value in gloss.lobes:
-            lobe = ggx.reflection(site.normal, site.view, seen.direction, _per_hit(value, like), eta)
-            carried = carried + _per_hit(share, like) * lobe
-        total = total + seen.irradiance * site.free(seen.direction, seen.distance, carried)[:, None]
+        # half of the hits or more face away from any one light
+        rows = (dot(site.normal, seen.direction).detach() > 0).nonzero()[:, 0]
+        normal, view, direction = (x[rows] for x in (site.normal, site.view, seen.direction))
+        carried = site.free(rows, direction, seen.distance[rows]).to(normal)
+        mirrored = torch.zeros_like(carried)
+        for share, roughness in gloss.lobes:
+            lobe = ggx.reflection(normal, view, direction, _per_hit(roughness, site, rows), eta)
+            mirrored = mirrored + _per_hit(share, site, rows) * lobe
+        total = total.index_add(0, rows, seen.irradiance[rows] * (carried * mirrored)[:, None])
     return total / len(squares)
 
 
@@ -187,19 +184,23 @@ def _mirrored(
 ) -> Float[Tensor, "P 3"]:
     """Mirrored radiance of surroundings, looked up where the surface mirrors to."""
     total = torch.zeros_like(site.position)
-    like = site.position[:, 0]
     for square in squares:
-        for share, value in gloss.lobes:
+        for share, roughness in gloss.lobes:
             direction, weight = ggx.sample_reflection(
-                site.normal, site.view, _per_hit(value, like), eta, square.to(site.position)
+                site.normal, site.view, _per_hit(roughness, site), eta, square.to(site.position)
             )
-            carried = site.free(direction, None, _per_hit(share, like) * weight)
-            total = total + light.radiance_from(direction) * carried[:, None]
+            rows = (weight.detach() > 0).nonzero()[:, 0]
+            direction = direction[rows]
+            carried = _per_hit(share, site, rows) * weight[rows] * site.free(rows, direction, None)
+            total = total.index_add(0, rows, light.radiance_from(direction) * carried[:, None])
     return total / len(squares)
 
 
-def _per_hit(value: float | Tensor, like: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
-    return torch.as_tensor(value, dtype=like.dtype, device=like.device).expand_as(like)
+def _per_hit(value: float | Tensor, site: _Site, rows: Tensor | None = None) -> Float[Tensor, " L"]:
+    """A number or a value per hit as a value for each of these `rows`, or of all."""
+    like = site.position[:, 0] if rows is None else site.position[rows, 0]
+    given = torch.as_tensor(value, dtype=like.dtype, device=like.device)
+    return given.expand_as(like) if rows is None or given.dim() == 0 else given[rows]
 
 
 def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> list[Tensor]:
