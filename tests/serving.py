@@ -87,6 +87,17 @@ def until_ready(running: Running) -> Running:
     return running
 
 
+def until_idle(running: Running) -> Running:
+    """Waits for what is done in the background."""
+    deadline = time.monotonic() + START_S
+    idle = [f"texsss_{what} 0.0" for what in ("running", "waiting")]
+    while not all(line in httpx.get(f"{running.url}/metrics").text for line in idle):
+        if time.monotonic() > deadline:
+            pytest.fail(f"the server is still busy:\n{running.log.read_text()}")
+        time.sleep(0.1)
+    return running
+
+
 def end(running: Running) -> None:
     """Ends a server that is still there."""
     if running.process.poll() is None:

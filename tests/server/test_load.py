@@ -1,7 +1,7 @@
 """Mixed load: eight clients that hit, edit, upload, err, leave and make jobs, all at once.
 
-Ten seconds in the suite; TEXSSS_LOAD_S=300 is the whole, on a server of its own whose caches are so small
-that they are full after a minute: what memory grows by then would be lost.
+Ten seconds in the suite; TEXSSS_LOAD_S=300 is the whole, on a server of its own that has warmed up and whose
+caches are so small that they are full after a minute: what memory grows by then would be lost.
 """
 
 import json
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from serving import OBJ, Running, end, launch, problem, quick, torus_obj, until_ready
+from serving import OBJ, Running, end, launch, problem, quick, torus_obj, until_idle, until_ready
 
 SECONDS = float(os.environ.get("TEXSSS_LOAD_S", "10"))
 CLIENTS = 8
@@ -30,7 +30,7 @@ def loaded(request, tmp_path) -> Iterator[Running]:
         return
     running = launch(tmp_path, "loaded", cache_mb=64, answers_mb=8, jobs_mb=8, assets_mb=16, warm=True)
     try:
-        yield until_ready(running)
+        yield until_idle(until_ready(running))
     finally:
         end(running)
 

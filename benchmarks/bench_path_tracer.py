@@ -1,0 +1,188 @@
+"""Pictures against a volumetric path tracer (Mitsuba 3, `volpath`): how wrong each method is, and how long it takes.
+
+    python -m benchmarks path_tracer        # needs: pip install mitsuba
+
+Both see the same mesh of one homogeneous medium behind a boundary without refraction (eta 1), lit by one point
+light. Pictures are averaged over boxes of 5 × 5 pixels; compared where a box lies within the object.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+
+from texsss.baker import Baker
+from texsss.io.images import write_png
+from texsss.media.presets import preset
+from texsss.scene import Scene
+from texsss.types import Float, Tensor
+
+HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePerrySmith.obj"
+OWN = "axolotl/axolotl.obj"
+BOX = 5  # pixels
+METHODS = {
+    "no diffusion (Lambert)": {"diffusion": "none"},
+    "diffusion of all light": {"diffusion": "surface"},
+    "diffusion + march": {"diffusion": "surface", "single_scattering": "exact"},
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=256, help="of the path tracer, per pixel")
+    parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
+    parser.add_argument("--atlas", type=int, default=1024)
+    parser.add_argument("--pictures", type=Path, help="a folder for the pictures, as PNG")
+    arguments = parser.parse_args()
+    try:
+        import mitsuba
+    except ImportError:
+        print("skipped: the path tracer is not installed; pip install mitsuba")
+        return
+    mitsuba.set_variant("scalar_rgb")
+    for name, mesh, medium in (
+        ("head", {"source": {"path": str(HEAD)}}, "skin1"),
+        ("axolotl", {"source": {"builtin": OWN}}, "marble"),
+    ):
+        if name == "head" and not HEAD.is_file():
+            print(f"{name}: skipped, {HEAD} is absent")
+            continue
+        compared(name, mesh, medium, arguments)
+
+
+def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) -> None:
+    """Prints the table of one object."""
+    known = preset(medium)  # scatters alike in all directions
+    plain = {"sigma_a_per_mm": known.sigma_a.tolist(), "sigma_s_per_mm": known.sigma_s.tolist(), "eta": 1.0}
+    baker = Baker()
+    first = Scene.parse({"mesh": mesh, "camera": {"resolution": arguments.size}})
+    run = baker._run(first, None, None)
+    solid, camera = run.mesh.value[0], run.camera.value
+    eye, target = camera.position, camera.target
+    reach = float(solid.extent.max())
+    lamp = eye + reach * torch.tensor([1.0, 0.8, 0.2], dtype=torch.float64)
+    intensity = (float((lamp - target).norm()) / 1000) ** 2  # about 1 W/m² where it shines
+    scene = {
+        "mesh": mesh,
+        "media": {"plain": plain},
+        "material": {"layers": [{"medium": "plain"}], "surface": {"specular": 0.0}},
+        "lights": [{"type": "point", "position_mm": lamp.tolist(), "intensity_w_per_sr": [intensity] * 3}],
+        "atlas": {"size": arguments.atlas},
+        "camera": {
+            "position_mm": eye.tolist(),
+            "target_mm": target.tolist(),
+            "resolution": arguments.size,
+            "samples": 16,
+        },
+        "output": {"background": [0.0, 0.0, 0.0]},
+    }
+    start = time.perf_counter()
+    truth = traced(solid, camera, plain, lamp, intensity, arguments.samples)
+    print(f"\n{name}, {medium}, {reach:.0f} mm, {arguments.size[0]} × {arguments.size[1]}")
+    print(f"path tracer, {arguments.samples} samples: {time.perf_counter() - start:.1f} s\n")
+    print("| picture | relative RMSE, R G B | mean ratio, R G B | first, s | again, s |\n|---|---|---|---|---|")
+    shown = {"path tracer": truth}
+    for label, methods in METHODS.items():
+        given = Scene.parse(scene | {"methods": methods})
+        start = time.perf_counter()
+        image = baker.render(given)
+        seconds = time.perf_counter() - start
+        start = time.perf_counter()
+        baker.render(given.model_copy(update={"seed": 1}))
+        again = time.perf_counter() - start
+        wrong, ratio = errors(image, truth)
+        print(
+            f"| {label} | {' '.join(f'{w:.3f}' for w in wrong)} | {' '.join(f'{r:.3f}' for r in ratio)} "
+            f"| {seconds:.1f} | {again:.1f} |",
+            flush=True,
+        )
+        shown[label] = image
+    if arguments.pictures is not None:
+        save(arguments.pictures, name, shown)
+
+
+def traced(solid: Any, camera: Any, plain: dict, lamp: Tensor, intensity: float, samples: int) -> Tensor:
+    """Mitsuba's picture (h, w, 3), in W/(m² sr)."""
+    import mitsuba as mi
+
+    extinct = np.add(plain["sigma_a_per_mm"], plain["sigma_s_per_mm"])
+    albedo = plain["sigma_s_per_mm"] / extinct
+    eye, target, up = (np.asarray(v, dtype=float) for v in (camera.position, camera.target, camera.up))
+    width, height = camera.resolution
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "solid.ply"
+        trimesh.Trimesh(solid.vertices.numpy(), solid.faces.numpy(), process=False).export(path)
+        scene = mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 100},
+                "sensor": {
+                    "type": "perspective",
+                    "fov": float(np.degrees(camera.fov_y)),
+                    "fov_axis": "y",
+                    "to_world": mi.ScalarTransform4f().look_at(
+                        origin=eye.tolist(), target=target.tolist(), up=up.tolist()
+                    ),
+                    "film": {
+                        "type": "hdrfilm",
+                        "width": width,
+                        "height": height,
+                        "pixel_format": "rgb",
+                        "component_format": "float32",
+                        "rfilter": {"type": "box"},
+                    },
+                    "sampler": {"type": "independent", "sample_count": samples},
+                },
+                "solid": {
+                    "type": "ply",
+                    "filename": str(path),
+                    "face_normals": True,
+                    "bsdf": {"type": "null"},
+                    "interior": {
+                        "type": "homogeneous",
+                        "sigma_t": {"type": "rgb", "value": (extinct / extinct.max()).tolist()},
+                        "scale": float(extinct.max()),
+                        "albedo": {"type": "rgb", "value": albedo.tolist()},
+                    },
+                },
+                "lamp": {
+                    "type": "point",
+                    "position": lamp.tolist(),
+                    "intensity": {"type": "rgb", "value": [intensity * 1e6] * 3},  # of mm
+                },
+            }
+        )
+        return torch.from_numpy(np.array(mi.render(scene)))
+
+
+def errors(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) -> tuple[Tensor, Tensor]:
+    """Root mean square of the difference over the mean, and ratio of means, per channel."""
+    ours, theirs, covered = (boxes(x) for x in (image, truth, (image.sum(-1, keepdim=True) > 0).float()))
+    inside = covered[0, 0] > 0.999
+    ours, theirs = ours[0, :, inside].double(), theirs[0, :, inside].double()
+    mean = theirs.mean(1)
+    return (ours - theirs).square().mean(1).sqrt() / mean, ours.mean(1) / mean
+
+
+def boxes(image: Tensor) -> Tensor:
+    """Means of boxes."""
+    return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1)[None].float(), BOX, 1)
+
+
+def save(folder: Path, name: str, images: dict[str, Tensor]) -> None:
+    """Pictures side by side, and their differences from the first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    truth = next(iter(images.values()))
+    scale = 0.8 / float(truth.quantile(0.995))
+    top = torch.cat([(scale * x).clamp(0, 1) ** (1 / 2.2) for x in images.values()], 1)
+    away = torch.cat([(0.5 + scale * (x - truth)).clamp(0, 1) for x in images.values()], 1)
+    write_png(folder / f"{name}.png", torch.cat([top, away], 0))
+
+
+if __name__ == "__main__":
+    main()
