@@ -1,9 +1,9 @@
-"""Pictures against a volumetric path tracer (Mitsuba 3, `volpath`): how wrong each method is, and how long it takes.
+"""Pictures against a volumetric path tracer (Mitsuba 3): how wrong each method is, and how long it takes.
 
     python -m benchmarks path_tracer        # needs: pip install mitsuba
 
-Both see the same mesh of one homogeneous medium behind a boundary without refraction (eta 1), lit by one point
-light. Pictures are averaged over boxes of 5 × 5 pixels; compared where a box lies within the object.
+Both see the same mesh of one homogeneous medium behind a boundary without refraction (eta 1), lit by one
+point light. Pictures are averaged over boxes of 5 × 5 pixels; compared where a box lies within the object.
 """
 
 import argparse
@@ -47,7 +47,7 @@ def main() -> None:
     mitsuba.set_variant("scalar_rgb")
     for name, mesh, medium in (
         ("head", {"source": {"path": str(HEAD)}}, "skin1"),
-        ("axolotl", {"source": {"builtin": OWN}}, "marble"),
+        ("axolotl", {"source": {"builtin": OWN}, "unit_mm": 1.0}, "marble"),
     ):
         if name == "head" and not HEAD.is_file():
             print(f"{name}: skipped, {HEAD} is absent")
@@ -85,7 +85,8 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
     truth = traced(solid, camera, plain, lamp, intensity, arguments.samples)
     print(f"\n{name}, {medium}, {reach:.0f} mm, {arguments.size[0]} × {arguments.size[1]}")
     print(f"path tracer, {arguments.samples} samples: {time.perf_counter() - start:.1f} s\n")
-    print("| picture | relative RMSE, R G B | mean ratio, R G B | first, s | again, s |\n|---|---|---|---|---|")
+    print("| picture | relative RMSE, R G B | mean ratio, R G B | first, s | again, s |")
+    print("|---|---|---|---|---|")
     shown = {"path tracer": truth}
     for label, methods in METHODS.items():
         given = Scene.parse(scene | {"methods": methods})
@@ -120,7 +121,7 @@ def traced(solid: Any, camera: Any, plain: dict, lamp: Tensor, intensity: float,
         scene = mi.load_dict(
             {
                 "type": "scene",
-                "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 100},
+                "integrator": {"type": "volpathmis", "max_depth": -1, "rr_depth": 100},
                 "sensor": {
                     "type": "perspective",
                     "fov": float(np.degrees(camera.fov_y)),
