@@ -10,14 +10,15 @@ from texsss.numerics.compiled import compiled as fast
 from texsss.profiles.slab import layers_of
 from texsss.types import Float, Tensor, chunks
 
-ROWS = 4096  # prepared at once: more operations than work otherwise
-VALUES = 36_000  # frequencies × columns solved at once: .15 MB per tensor
+ROWS = 16_384  # prepared at once: more operations than work otherwise
+WIDTH = 1024  # columns of a block of compiled loops
+VALUES = 50_000  # frequencies × columns solved at once: .2 MB per tensor
 
 
 class Solver(NamedTuple):
     """A model's R̂ or T̂, by `side`, in two steps.
 
-    `prepare(layers, *asked)` gives nested tuples of tensors (N,) and numbers, `spectrum` of that and
+    `prepare(layers, *asked)` gives nested tuples of tensors (1, N) and numbers, `spectrum` of that and
     the frequencies (S, 1) the profile (S, N). `unreduced`: prepare wants the layers with their true
     coefficients, or None, as a last argument.
     """
@@ -32,7 +33,7 @@ class Solver(NamedTuple):
 def solved(
     table: LayerTable, s: Float[Tensor, " S"], solver: Solver, compiled: bool = False
 ) -> Float[Tensor, "S N"]:
-    """R̂ or T̂ of all rows and channels, flattened to N; 0 below a stack without a bottom."""
+    """R̂ or T̂ of all channels and rows, flattened to N; 0 below a stack without a bottom."""
     if solver.side == "transmittance" and table.bottomless:
         return s.new_zeros(len(s), table.sigma_a[..., 0, :].numel())
     parts = [table]
@@ -42,26 +43,49 @@ def solved(
     if compiled:
         prepare, spectrum = fast(prepare), fast(spectrum)
     column = s[:, None]
-    blocks: list[Tensor] = []
+    solved: list[Tensor] = []
     for rows in parts:
         asked = solver.asked
         if solver.unreduced is not None:
             asked = (*asked, layers_of(rows, reduced=False) if solver.unreduced else None)
         layers = layers_of(rows)
+        count = layers[0].sigma.shape[1]
+        if compiled:
+            solved.append(_stacked(prepare, spectrum, layers, asked, column))
+            continue
         prepared = prepare(layers, *asked)
-        count = len(layers[0].sigma)
-        width = count if compiled else max(VALUES // len(s), 1)
-        for columns in chunks(count, width):
-            part = prepared if width >= count else _columns(prepared, columns)
-            blocks.append(spectrum(part, column))
-    return torch.cat(blocks, 1)
+        width = max(VALUES // len(s), 1)
+        blocks = [
+            spectrum(prepared if width >= count else _columns(prepared, columns), column)
+            for columns in chunks(count, width)
+        ]
+        solved.append(torch.cat(blocks, 1) if len(blocks) > 1 else blocks[0])
+    if len(solved) == 1:
+        return solved[0]
+    return torch.cat([x.view(len(s), table.channels, -1) for x in solved], 2).flatten(1)
+
+
+def _stacked(prepare, spectrum, layers, asked, column) -> Tensor:
+    """All columns at once, as a stack of blocks of WIDTH: loops over one fit into the processor's cache."""
+    prepared = prepare([_folded(layer) for layer in layers], *_folded(asked))
+    return spectrum(prepared, column).movedim(1, 0).flatten(1)
+
+
+def _folded(tree: Any) -> Any:
+    """Tensors (1, N) in nested tuples as (N / WIDTH, 1, WIDTH), if that is whole."""
+    return _mapped(tree, lambda x: x.view(-1, 1, x.shape[1] if x.shape[1] % WIDTH else WIDTH))
 
 
 def _columns(tree: Any, columns: slice) -> Any:
-    """Some columns of all tensors (N,) in nested tuples."""
+    """Some columns of all tensors (1, N) in nested tuples."""
+    return _mapped(tree, lambda x: x[:, columns] if x.ndim else x)
+
+
+def _mapped(tree: Any, of: Callable[[Tensor], Tensor]) -> Any:
+    """Nested tuples and lists with `of(x)` in the place of every tensor x."""
     if isinstance(tree, Tensor):
-        return tree[columns] if tree.ndim else tree
-    if isinstance(tree, tuple):
-        parts = [_columns(x, columns) for x in tree]
-        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
-    return tree
+        return of(tree)
+    if not isinstance(tree, (tuple, list)):
+        return tree
+    parts = [_mapped(x, of) for x in tree]
+    return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

@@ -5,6 +5,7 @@ import torch
 from texsss.errors import DomainError
 from texsss.media.medium import Medium
 from texsss.media.stack import LayerTable
+from texsss.profiles.slab import TINY, layers_of
 from texsss.types import Float, Tensor
 
 
@@ -45,13 +46,12 @@ def dipole(r: Float[Tensor, " R"], medium: Medium) -> Float[Tensor, "R C"]:
 
 
 def dipole_hankel(table: LayerTable, s: Float[Tensor, " S"]) -> Float[Tensor, "S N"]:
-    """R̂(s) of the first layer as a half-space, per row and channel, flattened to N.
+    """R̂(s) of the first layer as a half-space, per channel and row, flattened to N.
 
     Layers beneath are ignored: a dipole knows none. Differentiable.
     """
-    sigma_a = table.sigma_a[..., 0, :].reshape(-1)
-    sigma_s = (table.sigma_s * (1 - table.g))[..., 0, :].reshape(-1)
-    sigma_t = (sigma_a + sigma_s).clamp_min(1e-6)
-    kappa = torch.sqrt(3 * sigma_a * sigma_t + s[:, None] ** 2 + 1e-24)
-    mirrored = (1 + 4 / 3 * egan_A(table.eta[0])) / sigma_t
-    return sigma_s / sigma_t / 2 * (torch.exp(-kappa / sigma_t) + torch.exp(-kappa * mirrored))
+    layer = layers_of(table)[0]
+    kappa = torch.sqrt(3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY)
+    mirrored = (1 + 4 / 3 * egan_A(layer.eta)) / layer.sigma
+    reached = torch.exp(-kappa / layer.sigma) + torch.exp(-kappa * mirrored)
+    return layer.sigma_s / layer.sigma / 2 * reached

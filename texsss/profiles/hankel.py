@@ -65,7 +65,7 @@ def flat_profile(
     phase: str = "henyey-greenstein",
     compiled: bool = False,
 ) -> Float[Tensor, "S N"]:
-    """R̂(s) or T̂(s), by `side`, of all rows and channels flattened to N, as they are computed.
+    """R̂(s) or T̂(s), by `side`, of all channels and rows, flattened to N in this order.
 
     `compiled`: the layered models under torch.compile, without gradients.
     """
@@ -115,4 +115,4 @@ def choose(what: str, name: str, choices: tuple[str, ...]) -> None:
 
 def unflattened(flat: Float[Tensor, "S N"], table: LayerTable) -> Float[Tensor, "*B S C"]:
     """A flat profile in the shape of the table's batch."""
-    return flat.reshape(-1, *table.batch, table.channels).movedim(0, -2)
+    return flat.reshape(-1, table.channels, *table.batch).movedim((1, 0), (-1, -2))

@@ -15,26 +15,25 @@ from texsss.media import fresnel
 from texsss.media.stack import LayerTable
 from texsss.numerics.compiled import constant
 from texsss.profiles.blocks import Solver, solved
-from texsss.profiles.modes import Ray, crossed, ray_of, received
+from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, ray_of, received, sheet_of
 from texsss.profiles.slab import TINY, Directions, from_side, light_in
 from texsss.types import Float, Tensor
 
 
 class Diffusive(NamedTuple):
-    """One layer, whatever the frequency, (N,) each."""
+    """One layer, whatever the frequency, (1, N) each."""
 
-    flux: Tensor  # eta² D [mm]
-    rate: Tensor  # κ² - s² [1/mm²]
-    d: Tensor | None
+    rate: Tensor  # κ² - s² [1/mm²], times d² where the layer has a bottom
+    sheet: Sheet | None  # None in a half-space
     rays: tuple[Ray, ...]
+    into: Tensor  # from the admittance of what is below, or of the far face, to this layer's Gd
 
 
 class Prepared(NamedTuple):
     """A stack seen from one side, whatever the frequency: layers from the near to the far face."""
 
     layers: tuple[Diffusive, ...]
-    near: Tensor  # admittances of the outer surfaces
-    far: Tensor
+    out: Tensor  # from the first layer's admittance to the share of light that it leaves to the inside
 
 
 def profile(
@@ -50,39 +49,46 @@ def profile(
 @no_type_check
 def prepare(layers, directions, side):
     """All of R̂ or T̂ (`side`) that does not depend on the frequency."""
-    ends = [layers[k].sigma.new_full((), _boundary(layers[k].eta)) for k in (0, -1)]
+    ends = [_boundary(layers[k].eta) for k in (0, -1)]
     lights = light_in(layers, directions)
     if side == "transmittance":  # the stack seen from below
         ends = ends[::-1]
     layers, lights = from_side(side, layers, lights)
-    prepared = []
-    for layer, beams in zip(layers, lights):
+    prepared, below = [], ends[1]  # eta² D of the layer below, over its thickness, or the face's admittance
+    for layer, beams in zip(reversed(layers), reversed(lights)):
         D = (2 - layer.sigma_s / layer.sigma) / (3 * layer.sigma)
+        rate, flux = layer.sigma_a / D + TINY, D * layer.eta**2
         rays = tuple(ray_of(light, layer.d) for light in beams)
-        prepared.append(Diffusive(D * layer.eta**2, layer.sigma_a / D + TINY, layer.d, rays))
-    return Prepared(tuple(prepared), *ends)
+        if layer.d is None:
+            prepared.append(Diffusive(rate, None, rays, rate))
+            below = flux
+            continue
+        sheet = sheet_of(layer.d, rays)
+        prepared.append(Diffusive(rate * sheet.d2 + LEAST, sheet, rays, below * sheet.d / flux))
+        below = flux / sheet.d
+    return Prepared(tuple(prepared[::-1]), below / ends[0])
 
 
 @no_type_check
 def spectrum(prepared, s):
     """R̂ or T̂ per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
     s2 = s * s
-    response, admittance, whole = None, prepared.far, None  # the first two over the third
+    response, admittance, whole = None, None, None  # the first two over the third
     # upwards: the admittance of all below, and what the top of each layer receives from there
     for layer in reversed(prepared.layers):
-        squared = s2 + layer.rate
-        if layer.d is None:
-            kappa = torch.sqrt(squared)
-            response, admittance = received(layer.rays, kappa), layer.flux * kappa
+        if layer.sheet is None:
+            admittance = (s2 + layer.rate).sqrt_()
+            response = received(layer.rays, admittance)
             continue
-        G = admittance / layer.flux
+        Gd = layer.into if admittance is None else layer.into * admittance
         if whole is not None:
-            G, response = G / whole, response / whole
-        response, admittance, whole = crossed(squared, layer.d, layer.rays, response, G)
-        admittance = layer.flux * admittance
+            Gd, response = Gd / whole, response / whole
+        squared = torch.addcmul(layer.rate, s2, layer.sheet.d2)
+        mode = crossing(squared, layer.sheet)
+        response, admittance, whole = crossed(mode, squared, layer.sheet, response, Gd)
     if whole is None:
-        return response / (1 + admittance / prepared.near)
-    return response / (whole + admittance / prepared.near)
+        return response / (1 + admittance * prepared.out)
+    return response / torch.addcmul(whole, admittance, prepared.out)
 
 
 @constant

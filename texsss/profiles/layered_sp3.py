@@ -30,7 +30,7 @@ class Prepared(NamedTuple):
 
     once: tuple[Node, ...]  # none if only multiple scattering was asked for
     sweeps: tuple[Sweep, ...]  # none if only single scattering was
-    share: tuple[Tensor, ...]  # of every sweep, (N,)
+    share: tuple[Tensor, ...]  # of every sweep, (1, N)
 
 
 def profile(
@@ -75,7 +75,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
         whole = factor * _swept(sweeps, weights, zero)
         handed = scattered_once(reduced, zero) - scattered_once(once, zero)
         # backward scattering can ask for more than there is
-        factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)[0]
+        factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
     return Prepared(() if scattering == "multiple" else once, sweeps, tuple(factor * w for w in weights))
 
 
@@ -104,7 +104,7 @@ def _sweeps(layers, lights, side):
 
 @no_type_check
 def _furnace(layers, lights, directions):
-    """What multiple scattering lacks for the same stack without absorption to return all light, (N,)."""
+    """What multiple scattering lacks for the same stack without absorption to return all light, (1, N)."""
     white = [layer._replace(sigma_a=torch.zeros_like(layer.sigma), sigma_s=layer.sigma) for layer in layers]
     lit = [
         [light._replace(source=light.share / light.cosine * layer.sigma) for light in beams]
@@ -113,8 +113,8 @@ def _furnace(layers, lights, directions):
     zero = layers[0].sigma.new_zeros(1, 1)
     once, have = 0.0, 0.0
     for side in ("reflectance", "transmittance")[: 1 if layers[-1].d is None else 2]:
-        once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)[0]
-        have = have + _swept(*_sweeps(white, lit, side), zero)[0]
+        once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)
+        have = have + _swept(*_sweeps(white, lit, side), zero)
     lacking = 1 - ballistic(layers, directions) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 

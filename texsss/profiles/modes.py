@@ -4,9 +4,14 @@ In a layer of thickness d a mode obeys v'' = λ² v, so that it is fixed by its 
 
     v(z) = P(z) v(0) + Q(z) v(d),   P = sinh λ(d - z) / sinh λd,   Q = sinh λz / sinh λd,
 
-and its admittance -v'/v goes from G at the far face to λ² th + sech² G / (1 + G th) at the near one.
-The light enters as e^-σz. Only e^-λd is exponentiated: nothing overflows. What cancels where λd or
-(λ - σ)d is small is replaced by its limit there, to a few units of the precision's last third.
+and by m = λd alone: with c = m coth m and k = m / sinh m, both even and 1 at 0, the slopes there are
+
+    -v'(0) d = c v(0) - k v(d),     -v'(d) d = k v(0) - c v(d).
+
+Where v leaves by the far face with an admittance -v'/v of G, that of the near face is then
+(c Gd + m²) / (c + Gd) / d: nothing cancels. With e^-m and tanh m nothing overflows, and thin layers
+keep their digits. The light enters as e^-σz; a quotient of vanishing differences, where (λ - σ)d is
+small, is rounded off there, to a few units of the precision's last third.
 
 This is where all the time goes. A pass over memory costs more than an arithmetic operation, so every
 pass counts; torch.compile makes one loop of it all, and cannot see through shape annotations.
@@ -16,17 +21,46 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
-from texsss.profiles.slab import FAR, TINY
+from texsss.profiles.slab import FAR
 from texsss.types import Tensor
+
+LEAST = 1e-30  # m²
+THIN = 1e-15  # [mm] that every layer is thicker, so that an absent one has an admittance
 
 
 class Ray(NamedTuple):
-    """Light that scatters in one layer, in what its integrals need, (N,) each."""
+    """Light that scatters in one layer, in what its integrals need, (1, N) each."""
 
-    sigma: Tensor  # extinction per depth; times the thickness, where there is one
-    beam: Tensor | None  # e^-σd
-    down: Tensor  # scattered per depth [1/mm]; over the whole thickness, where there is one
+    tau: Tensor  # extinction over the layer; per depth where it has no bottom
+    beam: tuple[Tensor, Tensor] | None  # what `overlap` asks of e^-τ
+    down: Tensor  # scattered over the thickness; per depth [1/mm] where there is none
     up: Tensor | None  # the same of light that the bottom mirrors; None where nothing mirrors
+
+
+class Sheet(NamedTuple):
+    """A layer with a bottom, whatever mode crosses it."""
+
+    d: Tensor  # [mm] (1, N)
+    d2: Tensor
+    rays: tuple[Ray, ...]
+    one: Tensor  # numbers, as tensors: addcmul takes no others
+    half: Tensor
+    few: Tensor
+
+
+class Crossing(NamedTuple):
+    """A mode in a sheet (S, N)."""
+
+    decay: Tensor  # e^-m
+    m: Tensor
+    c: Tensor  # m coth m
+    k: Tensor  # m / sinh m
+
+
+@no_type_check
+def few(dtype):
+    """(λ - σ)² d² where a difference loses as much to rounding as to being rounded off."""
+    return torch.finfo(dtype).eps ** (2 / 3)
 
 
 @no_type_check
@@ -36,41 +70,61 @@ def ray_of(light, d):
         return Ray(light.sigma, None, light.source * light.down, None)
     strength = light.source * d
     up = None if light.up is None else strength * light.up
-    return Ray((light.sigma * d).clamp_min(TINY), light.beam, strength * light.down, up)
+    return Ray(light.sigma * d, beam_of(light.beam), strength * light.down, up)
 
 
 @no_type_check
-def decayed(squared, d):
-    """e^-λd and -λd of the mode of λ² = `squared` (S, N) across a layer of thickness `d` (N,)."""
-    # below the least λd nothing changes but rounding; beyond FAR denormal numbers take ten times longer
-    least = 1.8 * torch.finfo(squared.dtype).eps ** 0.4
-    minus = torch.clamp(torch.sqrt(squared) * -d, max=-least)
-    return torch.exp(torch.clamp(minus, min=-FAR)), minus
+def beam_of(beam):
+    """What `overlap` asks of a beam e^-τ."""
+    few_ = few(beam.dtype)
+    return beam * (1 - few_ / 2), beam * few_
 
 
 @no_type_check
-def lit(E, minus, rays):
-    """∫ e^-λz and ∫ e^-λ(d - z) over the layer with the source of all `rays`."""
-    first = second = None
-    for ray in rays:
-        together = (1 - ray.beam * E) / (ray.sigma - minus)
-        against = overlap(E, ray.beam, minus + ray.sigma)
-        first, second = _plus(first, ray.down, together), _plus(second, ray.down, against)
-        if ray.up is not None:
-            first, second = _plus(first, ray.up, against), _plus(second, ray.up, together)
-    return first, second
+def sheet_of(d, rays):
+    """A layer of thickness `d` (1, N) with the light in it."""
+    d = d + THIN
+    one, half, least = (d.new_full((), x) for x in (1.0, 0.5, few(d.dtype)))
+    return Sheet(d, d * d, rays, one, half, least)
 
 
 @no_type_check
-def overlap(E, beam, apart):
-    """∫ e^(-σz) e^(-λ(d - z)) dz / d by E = e^-λd, `beam` = e^-σd and `apart` = (σ - λ) d.
+def crossing(squared, sheet):
+    """The mode of m² = `squared` (S, N) in a sheet."""
+    m = torch.sqrt(squared)
+    decay = torch.clamp(m, max=FAR).neg_().exp_()  # denormal numbers beyond would take ten times longer
+    c = m / torch.tanh(m)
+    k = (c * decay).div_(torch.addcmul(sheet.half, decay, decay, value=0.5))
+    return Crossing(decay, m, c, k)
 
-    A quotient of differences that blends, by fourth powers, into the trapezoidal rule where both vanish.
+
+@no_type_check
+def lit(mode, sheet):
+    """∫ P and ∫ Q over the sheet with the source of all its rays."""
+    near = far = None
+    for ray in sheet.rays:
+        q = overlap(mode.decay, ray.beam, ray.tau - mode.m, sheet.few)
+        p = torch.addcmul(sheet.one, mode.k, q, value=-1).div_(mode.m + ray.tau)
+        near = _plus(near, ray.down, p)
+        if ray.up is None:
+            far = _plus(far, ray.down, q)
+            continue
+        q = torch.addcmul(q, mode.decay, p, value=-1)
+        near = torch.addcmul(near, ray.up, q)  # the mirror image of what comes down
+        far = torch.addcmul(_plus(far, ray.down, q), ray.up, p)
+    if sheet.rays[0].up is None:  # of all rays at once
+        far = torch.addcmul(far, mode.decay, near, value=-1)
+    return near, far
+
+
+@no_type_check
+def overlap(decay, beam, apart, few):
+    """∫ e^(-σz) e^(-λ(d - z)) dz / d by `decay` = e^-λd, `beam` of e^-σd and `apart` = (σ - λ) d.
+
+    (e^-λd - e^-σd) / apart, which blends into its limit e^-σd (1 + apart / 2) where that is 0 / 0.
     """
-    few = torch.finfo(E.dtype).eps ** 1.2
-    squared = apart * apart
-    fourth = torch.addcmul(torch.full((), few, dtype=E.dtype, device=E.device), squared, squared)
-    return torch.addcmul(few * E, E - beam, apart * squared - few / 2) / fourth
+    most, least = beam
+    return torch.addcmul(least, apart, decay - most).div_(torch.addcmul(few, apart, apart))
 
 
 @no_type_check
@@ -78,29 +132,24 @@ def received(rays, decay):
     """∫ e^-λz over a half-space with the source of all `rays`; `decay` is λ."""
     total = None
     for ray in rays:
-        here = ray.down / (ray.sigma + decay)
-        total = here if total is None else total + here
+        extinction = ray.tau + decay
+        total = ray.down / extinction if total is None else torch.addcdiv(total, ray.down, extinction)
     return total
 
 
 @no_type_check
-def crossed(squared, d, rays, response, G):
-    """What reaches the near face of a layer, and the admittance there, both times the third result.
+def crossed(mode, squared, sheet, response, Gd):
+    """What reaches the near face of a sheet, and its admittance there times d, both times the third result.
 
-    That is its own light and `response`, what reaches the far face (None: nothing). `G`: admittance
-    below, over the layer's own diffusion coefficient, which the result is over, too.
+    That is its own light and `response`, what reaches the far face (None: nothing). `Gd`: admittance
+    below, over the layer's own diffusion coefficient, times d; the result is over that, too.
     """
-    E, minus = decayed(squared, d)
-    first, second = lit(E, minus, rays)
-    E2 = E * E
-    g = (G * d) / minus  # G / λ, negative
-    above, below = 1 - g, 1 + g
-    reached = torch.addcmul(above * first, below, E * second)
+    near, far = lit(mode, sheet)
+    whole = mode.c + Gd
     if response is not None:
-        reached = torch.addcmul(reached, E, response, value=2)
-    # λ (1 - E²) by λ², which may be below the least
-    admittance = torch.addcmul(G * (1 + E2), squared * d / minus, E2 - 1)
-    return reached, admittance, torch.addcmul(above, below, E2)
+        far = far + response
+    reached = torch.addcmul(near * whole, mode.k, far)
+    return reached, torch.addcmul(squared, Gd, mode.c), whole
 
 
 @no_type_check

@@ -15,30 +15,32 @@ from texsss.media import fresnel
 from texsss.media.phase import between_cones
 from texsss.numerics.compiled import constant
 from texsss.numerics.quadrature import gauss_weighted
-from texsss.profiles.modes import overlap
-from texsss.profiles.slab import FAR, flipped, mirror_of, refracted
+from texsss.profiles.modes import beam_of, few, overlap
+from texsss.profiles.slab import FAR, added, flipped, mirror_of, refracted
 from texsss.types import Tensor
 
 NODES = 4
 # 1 - ∫_0^x J0 and J0 itself as damped oscillations: within .05 for x ≤ 3, which is where both matter
 _DAMPING, _TURN = 0.35, 0.72
+LEAST = 1e-12  # frequency [1/mm]
+LEAST_DRIFT = 1e-6
 _SPREAD_FROM = 3.0  # sideways shift [1/s] from which light through a slab is attenuated as in a half-space
 
 
 class Shaft(NamedTuple):
-    """A beam in one layer, scattered towards one node, (N,) each."""
+    """A beam in one layer, scattered towards one node, (1, N) each."""
 
-    a: Tensor  # attenuation per depth, in and out [1/mm]
-    squared: Tensor
+    squared: Tensor  # attenuation per depth, in and out, squared [1/mm²]
+    slant: Tensor  # the attenuation over the leg's drift [1/mm]
     start: Tensor  # strength at the top of the layer
     end: Tensor | None  # and at its bottom
 
 
 class Bounced(NamedTuple):
-    """A beam from below in one layer, scattered towards one node, (N,) each."""
+    """A beam from below in one layer, scattered towards one node, (1, N) each."""
 
     tau: Tensor
-    beam: Tensor
+    beam: tuple[Tensor, Tensor]
     strength: Tensor
 
 
@@ -46,11 +48,13 @@ class Leg(NamedTuple):
     """The way out through one layer."""
 
     drift: Tensor  # sideways per depth, a number
-    aside: Tensor | None  # sideways from the face to the bottom of the layer [mm] (N,)
+    aside: Tensor | None  # sideways from the face to the bottom of the layer [mm] (1, N)
     d: Tensor | None
-    escape: Tensor  # attenuation per depth on the way out [1/mm] (N,)
+    escape: Tensor  # attenuation per depth on the way out [1/mm] (1, N)
     shafts: tuple[Shaft, ...]
+    over: Tensor | None  # what all shafts end with, less what those of the next layer start with, over drifts
     bounced: tuple[Bounced, ...]
+    few: Tensor  # a number
 
 
 class Node(NamedTuple):
@@ -93,7 +97,7 @@ def _legs(layers, lights, cosines, phase, weight):
     aside = torch.zeros_like(layers[0].sigma)
     legs = []
     for layer, beams, cosine in zip(layers, lights, cosines):
-        drift = max(1 / cosine**2 - 1, 0) ** 0.5
+        drift = max(1 / cosine**2 - 1, LEAST_DRIFT**2) ** 0.5
         spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
         escape = layer.sigma / cosine
         if layer.d is not None:
@@ -106,18 +110,24 @@ def _legs(layers, lights, cosines, phase, weight):
             if layer.d is not None:
                 above[i] = above[i] * torch.exp(-(a * layer.d).clamp_max(FAR))
                 end = source * above[i]
-            shafts.append(Shaft(a, a * a, start, end))
+            shafts.append(Shaft(a * a, a / drift, start, end))
             if slab:
                 source = light.source * (weight * spread * _deflection(phase, light.cosine, cosine, layer.g))
-                bounced.append(Bounced(light.sigma * layer.d, light.beam, source * layer.d * light.up))
+                beam = beam_of(light.beam)
+                bounced.append(Bounced(light.sigma * layer.d, beam, source * layer.d * light.up))
+        if legs:
+            legs[-1] = legs[-1]._replace(over=legs[-1].over - added([x.start for x in shafts]) / drift)
+        over = None if layer.d is None else added([x.end for x in shafts]) / drift
         way = None if layer.d is None else aside
-        legs.append(Leg(escape.new_full((), drift), way, layer.d, escape, tuple(shafts), tuple(bounced)))
+        number, least = escape.new_full((), drift), escape.new_full((), few(escape.dtype))
+        legs.append(Leg(number, way, layer.d, escape, tuple(shafts), over, tuple(bounced), least))
     return tuple(legs)
 
 
 @no_type_check
 def scattered_once(nodes, s):
     """R̂1 or T̂1 per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
+    s = s.clamp_min(LEAST)
     total = None
     for node in nodes:
         near, through = _leaving(node.near, s, total)
@@ -131,43 +141,43 @@ def scattered_once(nodes, s):
 
 @no_type_check
 def _leaving(legs, s, total):
-    """Light at the near face, added to `total` where nothing is mirrored, and the share that passes all."""
+    """Light at the near face, added to `total` where nothing is mirrored, and the share that passes all.
+
+    What comes from below depth Z, ∫ J0(b z) e^(-a(z - Z)) dz with b = s drift and J0 from Z on as the
+    oscillation w there, is (w + a W) / √(a² + b²) - W, W = (∫_0^Z J0 - 1 + w) / b.
+    """
     slab = legs[-1].d is not None
     total = None if slab else total
-    wave, through, shift = None, 1.0, None  # the damped oscillation, and what its slope adds
+    wave, area, through = None, None, 1.0  # the oscillation where the layer begins, and W times the drift
     if slab:
         shift = s * legs[-1].aside
         shift = shift / (shift + _SPREAD_FROM)
     for leg in legs:
-        b = s * leg.drift
-        b2 = b * b
-        start = wave
+        b2 = (s * leg.drift) ** 2
+        first, before = wave, area
         if leg.d is not None:
             x = torch.clamp(s * leg.aside, max=FAR)
-            damped = torch.exp(x * -_DAMPING)
-            swing = damped * torch.sin(x * _TURN) * (1 / _TURN)
-            wave = torch.add(damped * torch.cos(x * _TURN), swing, alpha=_DAMPING), swing
+            damped, turn = torch.exp(x * -_DAMPING), x * _TURN
+            area = (damped * torch.sin(turn)).mul_(1 / (_TURN * s))
+            wave = torch.addcmul(damped * torch.cos(turn), s * _DAMPING, area)
         for shaft in leg.shafts:
-            root = torch.sqrt(shaft.squared + b2)
-            slope = b / (root + shaft.a)
-            here = shaft.start if start is None else shaft.start * _beyond(slope, start)
+            here = shaft.start
+            if first is not None:
+                here = here * torch.addcmul(first, shaft.slant, before)
             if leg.d is not None:
-                here = torch.addcmul(here, shaft.end, _beyond(slope, wave), value=-1)
-            total = here / root if total is None else torch.addcdiv(total, here, root)
+                here = torch.addcmul(here, shaft.end, torch.addcmul(wave, shaft.slant, area), value=-1)
+            root = (shaft.squared + b2).rsqrt_()
+            total = here * root if total is None else torch.addcmul(total, here, root)
+        if leg.d is not None:
+            total = torch.addcmul(total, leg.over, area)
         if slab:
-            out = leg.escape + (torch.sqrt(leg.escape * leg.escape + b2) - leg.escape) * shift
-            minus = out * -leg.d
-            passed = torch.exp(torch.clamp(minus, min=-FAR))
+            root = torch.sqrt(leg.escape * leg.escape + b2)
+            m = torch.lerp(leg.escape.expand_as(root), root, shift) * leg.d
+            passed = torch.clamp(m, max=FAR).neg_().exp_()
             for ray in leg.bounced:
-                total = total + ray.strength * through * overlap(passed, ray.beam, minus + ray.tau)
+                total = total + ray.strength * through * overlap(passed, ray.beam, ray.tau - m, leg.few)
             through = through * passed
     return total, through
-
-
-@no_type_check
-def _beyond(slope, wave):
-    """∫ J0(b (Z + z)) e^(-az) dz √(a² + b²) by the oscillation at Z, `slope` = (√(a² + b²) - a) / b."""
-    return torch.addcmul(wave[0], slope, wave[1], value=-1)
 
 
 @no_type_check

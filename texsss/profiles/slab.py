@@ -22,7 +22,7 @@ Directions = Sequence[tuple[float, float]]
 
 
 class Coefficients(NamedTuple):
-    """One layer of a table, flattened to N rows and channels; `d` is None for a half-space."""
+    """One layer of a table, (1, N): N channels and rows, flattened; `d` is None for a half-space."""
 
     sigma_a: Tensor
     sigma_s: Tensor  # reduced [1/mm]
@@ -46,15 +46,17 @@ class Light(NamedTuple):
 
 def layers_of(table: LayerTable, reduced: bool = True) -> list[Coefficients]:
     """The layers of a table from the surface inwards; with the true coefficients unless `reduced`."""
-    last = len(table.eta) - 1
+    count, channels = len(table.eta), table.channels
+    # one copy per field, in the order in which it will be read
+    fields = [x.reshape(-1, count * channels).t().contiguous().view(count, 1, -1) for x in table.fields]
+    isotropic = table.known_isotropic
     layers = []
-    for k, eta in enumerate(table.eta):
-        sigma_a, sigma_s, g, d = (x[..., k, :].reshape(-1) for x in table.fields)
-        if reduced:
+    for k, (sigma_a, sigma_s, g, d) in enumerate(zip(*fields, strict=True)):
+        if reduced and not isotropic:
             sigma_s = sigma_s * (1 - g)
         sigma = (sigma_a + sigma_s).clamp_min(CLEAR)
-        bottomless = table.bottomless and k == last
-        layers.append(Coefficients(sigma_a, sigma_s, sigma, g, None if bottomless else d, eta))
+        bottomless = table.bottomless and k == count - 1
+        layers.append(Coefficients(sigma_a, sigma_s, sigma, g, None if bottomless else d, table.eta[k]))
     return layers
 
 
@@ -132,7 +134,7 @@ def mirror_of(outside: float, eta: float) -> float:
 
 @no_type_check
 def ballistic(layers, directions):
-    """Shares of the light that leave unscattered by the top and by the bottom together, (N,).
+    """Shares of the light that leave unscattered by the top and by the bottom together, (1, N).
 
     In reduced coefficients, which is how the profiles count: R̂(0) + T̂(0) + both + absorption is 1.
     """

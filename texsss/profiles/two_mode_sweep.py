@@ -3,7 +3,7 @@
 Everything is a vector of two per row and frequency. A stack is swept like scalar diffusion, with 2×2
 admittances in the eigenvectors of each layer, which do not depend on the frequency:
 
-    Γ = λ² th + sech (I + G th)⁻¹ G sech,   th = tanh(λd)/λ,   G the admittance below in this layer's modes.
+    Γd = c - k (Gd + c)⁻¹ k,   c, k diagonal as in `modes`, G the admittance below in this layer's modes.
 
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
@@ -12,7 +12,7 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
-from texsss.profiles.modes import Ray, crossed, decayed, lit, ray_of, received
+from texsss.profiles.modes import LEAST, THIN, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
 from texsss.profiles.slab import TINY
 from texsss.types import Tensor
 
@@ -25,28 +25,35 @@ Pair = tuple[Tensor, Tensor]
 Matrix = tuple[Tensor, Tensor, Tensor, Tensor]  # row-major 2×2
 
 
-class Level(NamedTuple):
-    """One layer, whatever the frequency, (N,) each; matrices lead to it from the layer below."""
+class Carried(NamedTuple):
+    """One mode in one layer, whatever the frequency, (1, N) each."""
 
-    d: Tensor | None
+    rate: Tensor  # λ² - s² [1/mm²], times d² where the layer has a bottom
+    sheet: Sheet | None  # None in a half-space
     rays: tuple[Ray, ...]
-    rates: Pair  # λ² - s² of the coupled modes, whose eigenvectors are V = [[1, k1], [-k2, 1]]
+
+
+class Level(NamedTuple):
+    """One layer, whatever the frequency, (1, N) each; matrices lead to it from the layer below."""
+
+    coupled: tuple[Carried, Carried]  # eigenvectors V = [[1, k1], [-k2, 1]]
     k1: Tensor
     k2: Tensor
-    into: Matrix | None  # V⁻¹ V_below times the ratio of diffusion coefficients, and its inverse without
+    into: Matrix | None  # V⁻¹ V_below times `ratio`, and its inverse without
     back: Matrix | None
-    alone: Pair  # λ² - s² of the modes that do not scatter on the way
-    ratio: Tensor | None  # of diffusion coefficients
+    alone: tuple[Carried, Carried]  # modes that do not scatter on the way
+    ratio: Tensor | None  # D/d below over D/d here, d of a half-space being 1
 
 
 class Face(NamedTuple):
-    """What a face loses and lets out of either mode: `scale` √(growth (s / σ)² + 1 / μ²), σ as felt there."""
+    """What a face loses and lets out of either mode, scale √(growth (s / σ)² + 1 / μ²), times d of its layer.
 
-    scale: Pair  # [1/mm] (N,)
+    σ is the extinction as it is felt at the face.
+    """
+
     base: Pair  # 1 / μ², numbers
-    loss: Pair  # growth of what is lost
-    out: Pair  # growth of what comes out
-    share: Pair  # weights of what comes out
+    loss: tuple[Pair, Pair]  # growth and scale [1/mm] of what is lost
+    out: tuple[Pair, Pair]  # ... of what comes out
     felt: tuple[tuple[Tensor, Tensor | None, Tensor | None], ...]  # per layer: σ, 3 σ d, 8 d
 
 
@@ -67,20 +74,36 @@ def prepare(layers, lights, inner, top, bottom):
     levels = []
     for layer, beams in zip(reversed(layers), reversed(lights)):
         rates, k1, k2 = _eigen(layer, inner)
+        rays = tuple(ray_of(light, layer.d) for light in beams)
+        coupled = (_carried(layer, rates[0], rays, 1 - k2), _carried(layer, rates[1], rays, 1 + k1))
+        alone = tuple(_carried(layer, (layer.sigma / mu) ** 2, rays) for mu in inner.mu)
         into = back = ratio = None
         if levels:
             below, under = levels[-1], layers[len(layers) - len(levels)]
-            ratio = layer.sigma / under.sigma * (under.eta / layer.eta) ** 2  # D below over D here
+            ratio = layer.sigma / under.sigma * (under.eta / layer.eta) ** 2 * coupled[0].sheet.d
+            if under.d is not None:
+                ratio = ratio / below.coupled[0].sheet.d
             det, own = 1 + k1 * k2, 1 + below.k1 * below.k2
             a, b = 1 + k1 * below.k2, below.k1 - k1
             c, e = k2 - below.k2, 1 + below.k2 * k1
             scale = ratio / det
             into, back = (a * scale, b * scale, c * scale, e * scale), (e / own, -b / own, -c / own, a / own)
-        alone = tuple((layer.sigma / mu) ** 2 for mu in inner.mu)
-        rays = tuple(ray_of(light, layer.d) for light in beams)
-        levels.append(Level(layer.d, rays, rates, k1, k2, into, back, (alone[0], alone[1]), ratio))
+        levels.append(Level(coupled, k1, k2, into, back, alone, ratio))
     far = None if layers[-1].d is None else _face(layers[::-1], bottom)
     return Sweep(tuple(reversed(levels)), _face(layers, top), far)
+
+
+@no_type_check
+def _carried(layer, rate, rays, y=None):
+    """A mode with what it takes of the light: `y` times all of it."""
+    if y is not None:
+        rays = tuple(
+            ray._replace(down=ray.down * y, up=None if ray.up is None else ray.up * y) for ray in rays
+        )
+    if layer.d is None:
+        return Carried(rate, None, rays)
+    sheet = sheet_of(layer.d, rays)
+    return Carried(rate * sheet.d2 + LEAST, sheet, rays)
 
 
 @no_type_check
@@ -102,6 +125,7 @@ def _eigen(layer, modes):
 @no_type_check
 def _face(layers, modes):
     sigma = layers[0].sigma
+    thick = sigma if layers[0].d is None else sigma * (layers[0].d + THIN)
 
     def numbers(a, b):
         return sigma.new_full((), a), sigma.new_full((), b)
@@ -112,12 +136,12 @@ def _face(layers, modes):
         else (layer.sigma, _NEAR_SIGMA * layer.sigma * layer.d, _NEAR_S * layer.d)
         for layer in layers
     )
+    lost = (modes.b[0] * thick, modes.b[1] * thick)
+    out = (modes.w[0] * lost[0], modes.w[1] * lost[1])
     return Face(
-        (modes.b[0] * sigma, modes.b[1] * sigma),
         numbers(modes.mu[0] ** -2, modes.mu[1] ** -2),
-        numbers(*modes.gamma),
-        numbers(*modes.delta),
-        numbers(*modes.w),
+        (numbers(*modes.gamma), lost),
+        (numbers(*modes.delta), out),
         felt,
     )
 
@@ -129,13 +153,12 @@ def scattered_twice(sweep, s, s2):
     That is what the coupled modes carry there less what they carry without scattering on the way.
     `s`, `s2`: frequencies (S, 1) and their squares. Differentiable.
     """
-    x = _felt(sweep.near, s, s2)
+    x = _felt(sweep.near, s)
     b = _faces(sweep.near, sweep.near.loss, x)
     out = _faces(sweep.near, sweep.near.out, x)
-    out = (sweep.near.share[0] * out[0], sweep.near.share[1] * out[1])
     lowest = None
     if sweep.far is not None:
-        lowest = _faces(sweep.far, sweep.far.loss, _felt(sweep.far, s, s2))
+        lowest = _faces(sweep.far, sweep.far.loss, _felt(sweep.far, s))
     both = _coupled(sweep.levels, s2, b, out, lowest)
     for m in (0, 1):
         both = both - _uncoupled(sweep.levels, s2, m, b[m], out[m], None if lowest is None else lowest[m])
@@ -145,47 +168,47 @@ def scattered_twice(sweep, s, s2):
 @no_type_check
 def _coupled(levels, s2, b, out, lowest):
     """What the top receives of the source, by both modes with all scattering between them."""
-    response, gamma = None, None  # admittance of all below over D, in the modes of the layer below
+    response, gamma = None, None  # admittance of all below over D/d, in the modes of the layer below
     for level in reversed(levels):
-        y = (1 - level.k2, 1 + level.k1)
-        squared = (s2 + level.rates[0], s2 + level.rates[1])
-        if level.d is None:
-            decay = (torch.sqrt(squared[0]), torch.sqrt(squared[1]))
-            response = (received(level.rays, decay[0]) * y[0], received(level.rays, decay[1]) * y[1])
+        squared = tuple(_squared(carried, s2) for carried in level.coupled)
+        if level.coupled[0].sheet is None:
+            decay = [x.sqrt_() for x in squared]
+            response = tuple(received(carried.rays, x) for carried, x in zip(level.coupled, decay))
             gamma = (decay[0], None, None, decay[1])
             continue
         if response is None:  # V⁻¹ diag(lowest) V
             det = 1 + level.k1 * level.k2
             mixed, step = level.k1 * level.k2 / det, lowest[0] - lowest[1]
             G = (
-                lowest[0] - mixed * step,
+                torch.addcmul(lowest[0], mixed, step, value=-1),
                 level.k1 / det * step,
                 level.k2 / det * step,
-                lowest[1] + mixed * step,
+                torch.addcmul(lowest[1], mixed, step),
             )
         else:
             G = _product(_product(level.into, gamma), level.back)
             response = _row_times(response, level.back)
-        first, second = (_across(squared[m], level, y[m]) for m in (0, 1))
-        (near1, l1, t1, sech1), (near2, l2, t2, sech2) = first, second
+        first, second = (crossing(x, carried.sheet) for carried, x in zip(level.coupled, squared))
+        near1, l1 = lit(first, level.coupled[0].sheet)
+        near2, l2 = lit(second, level.coupled[1].sheet)
         if response is not None:
             l1, l2 = l1 + response[0], l2 + response[1]
-        det = torch.addcmul(G[0] * G[3], G[1], G[2], value=-1)
-        # (I + th G)⁻¹ over its determinant
-        T1, T2 = torch.addcmul(G[3], t1, det), torch.addcmul(G[0], t2, det)
-        D = torch.addcmul(1 + t1 * G[0], t2, T1)
-        e1, e2 = sech1 / D, sech2 / D
-        cross1 = torch.addcmul(l1 * G[3], l2, G[2], value=-1)
-        cross2 = torch.addcmul(l2 * G[0], l1, G[1], value=-1)
+        # (Gd + c)⁻¹ = [[B2, -G12], [-G21, B1]] / det
+        B1, B2 = G[0] + first.c, G[3] + second.c
+        cross = (G[1] * G[2]).neg_()
+        q1, q2 = torch.addcmul(cross, G[0], B2), torch.addcmul(cross, G[3], B1)
+        inverse = torch.addcmul(q1, first.c, B2).reciprocal_()
+        e1, e2 = first.k * inverse, second.k * inverse
         response = (
-            torch.addcmul(near1, e1, torch.addcmul(l1, t2, cross1)),
-            torch.addcmul(near2, e2, torch.addcmul(l2, t1, cross2)),
+            torch.addcmul(near1, e1, torch.addcmul(l1 * B2, l2, G[2], value=-1)),
+            torch.addcmul(near2, e2, torch.addcmul(l2 * B1, l1, G[1], value=-1)),
         )
+        both = first.k * e2
         gamma = (
-            torch.addcmul(squared[0] * t1, sech1 * e1, T2),
-            sech1 * e2 * G[1],
-            sech2 * e1 * G[2],
-            torch.addcmul(squared[1] * t2, sech2 * e2, T1),
+            torch.addcmul(squared[0] * B2, first.c, q1).mul_(inverse),
+            both * G[1],
+            both * G[2],
+            torch.addcmul(squared[1] * B1, second.c, q2).mul_(inverse),
         )
     # (V Γ + diag(b) V) c = out
     k1, k2 = levels[0].k1, levels[0].k2
@@ -205,61 +228,58 @@ def _coupled(levels, s2, b, out, lowest):
 
 
 @no_type_check
-def _across(squared, level, y):
-    """∫ P and ∫ Q of one mode with all light, weighted by `y`, and its th = tanh(λd)/λ and sech(λd)."""
-    E, minus = decayed(squared, level.d)
-    first, second = lit(E, minus, level.rays)
-    E2 = E * E
-    lost, half = 1 - E2, 1 / (1 + E2)
-    wide = y / lost
-    near = torch.addcmul(first, E, second, value=-1) * wide
-    far = torch.addcmul(second, E, first, value=-1) * wide
-    return near, far, (lost * half) / minus * -level.d, E * half * 2
-
-
-@no_type_check
 def _uncoupled(levels, s2, m, b, out, lowest):
     """The same in mode m without scattering on the way: what it makes of light that scattered once."""
     response, admittance, whole = None, lowest, None  # the first two over the third
     for level in reversed(levels):
-        squared = s2 + level.alone[m]
-        if level.d is None:
-            admittance = torch.sqrt(squared)
-            response = received(level.rays, admittance)
+        carried = level.alone[m]
+        squared = _squared(carried, s2)
+        if carried.sheet is None:
+            admittance = squared.sqrt_()
+            response = received(carried.rays, admittance)
             continue
-        G = admittance if level.ratio is None else level.ratio * admittance
+        Gd = admittance if level.ratio is None else level.ratio * admittance
         if whole is not None:
-            G, response = G / whole, response / whole
-        response, admittance, whole = crossed(squared, level.d, level.rays, response, G)
+            Gd, response = Gd / whole, response / whole
+        mode = crossing(squared, carried.sheet)
+        response, admittance, whole = crossed(mode, squared, carried.sheet, response, Gd)
     if whole is None:
         return out * response / (admittance + b)
     return out * response / torch.addcmul(admittance, b, whole)
 
 
 @no_type_check
-def _felt(face, s, s2):
-    """(s / σ)², σ the extinction near a face: a mean that weighs what is near."""
-    if len(face.felt) == 1:
-        return s2 / face.felt[0][0] ** 2
-    near, left, weight = 0.0, None, None
-    for sigma, tau, depth in face.felt:
-        if tau is None:
-            near, weight = torch.addcmul(near, sigma, left), 1.0
-            break
-        rest = torch.exp(-torch.clamp(torch.addcmul(tau, s, depth), max=_FELT))
-        rest = rest if left is None else left * rest
-        share = 1 - rest if left is None else left - rest
-        near, left = near + sigma * share, rest
-    if weight is None:  # of a thin slab only what is there counts
-        near, weight = near + TINY * face.felt[0][0], 1 - left + TINY
-    inverse = weight / near
-    return s2 * inverse * inverse
+def _squared(carried, s2):
+    """λ² of a mode, times d² where its layer has a bottom."""
+    if carried.sheet is None:
+        return carried.rate + s2
+    return torch.addcmul(carried.rate, s2, carried.sheet.d2)
 
 
 @no_type_check
-def _faces(face, growth, x):
-    first, second = (face.scale[m] * torch.sqrt(torch.addcmul(face.base[m], growth[m], x)) for m in (0, 1))
-    return first, second
+def _felt(face, s):
+    """(s / σ)², σ the extinction near a face: a mean that weighs what is near."""
+    if len(face.felt) == 1:
+        u = s / face.felt[0][0]
+        return u * u
+    left, shares = None, []
+    for _, tau, depth in face.felt:
+        if tau is not None:
+            rest = torch.clamp(torch.addcmul(tau, s, depth), max=_FELT).neg_().exp_()
+            left = rest if left is None else left * rest
+            shares.append(1 - left)
+    whole = shares.pop() + TINY if len(shares) == len(face.felt) else None  # of a thin slab what is there
+    near = face.felt[-1][0]
+    for (sigma, _, _), (below, _, _), share in zip(face.felt, face.felt[1:], shares):
+        near = torch.addcmul(near, sigma - below, share if whole is None else share / whole)
+    u = s / near
+    return u * u
+
+
+@no_type_check
+def _faces(face, kind, x):
+    growth, scale = kind
+    return tuple(torch.addcmul(face.base[m], growth[m], x).sqrt_() * scale[m] for m in (0, 1))
 
 
 @no_type_check

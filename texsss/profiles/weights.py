@@ -16,7 +16,7 @@ TABLE = 8  # texels per row, from which rows are few enough as they are
 MAPS = 2  # that vary independently, at most, for rounding to make a table of them
 ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
 SAMPLE = 2**14  # rows that are looked at before all are compared
-CHUNK = 4096  # rows solved at once
+CHUNK = 16_384  # rows solved at once
 WORKSPACE = 2**22  # [numbers] set aside before
 
 
@@ -89,6 +89,7 @@ def weights_for(
         table = as_table(material)
     table = table.to(dtype).expand(channels)
     table, row = _distinct(table, points, None if table.requires_grad else levels)
+    table = replace(table, known_isotropic=table.isotropic)
 
     s, ds = frequencies(variances, nodes)
     matrix = projector(variances, s, ds).to(table.sigma_a)
@@ -109,7 +110,9 @@ def weights_for(
         done.append(count)
         if progress is not None:
             progress("weights", sum(done) / table.batch[0])
-        return (matrix @ spectrum).reshape(len(variances), -1, table.channels).movedim(0, 1)[:count]
+        # channels and rows, flattened → rows, weights and channels
+        made = (matrix @ spectrum).view(len(variances) * table.channels, -1).t()
+        return made.reshape(-1, len(variances), table.channels)[:count]
 
     parts = chunks(table.batch[0], CHUNK)
     if table.requires_grad:
