@@ -111,6 +111,22 @@ def test_gradients_are_the_adjoint():
     torch.testing.assert_close((operators.applied(u) * w).sum(), (u * v.grad).sum(), rtol=1e-4, atol=0)
 
 
+@pytest.mark.parametrize("chosen", [*([k] for k in range(len(LADDER))), [2, 1], []])
+def test_some_of_them_need_no_others(chosen: list[int]):
+    """One at a time is what the rules of entry ask for; they are not to pay for all of them."""
+    texels = ball(48)
+    every = surface_operators(texels, LADDER)
+    some = every.only(chosen)
+    values = lit(texels).requires_grad_()
+    made = some.applied(values)
+    torch.testing.assert_close(made, every.applied(values.detach())[chosen])
+    back = torch.autograd.grad(made.square().sum(), values)[0] if chosen else torch.zeros(())
+    also = torch.autograd.grad(every.applied(values)[chosen].square().sum(), values)[0]
+    torch.testing.assert_close(back.expand_as(also), also, rtol=1e-4, atol=1e-6)
+    assert some.count < every.count or chosen == [len(LADDER) - 1]
+    assert every.levels and len(some.levels) <= len(every.levels)
+
+
 def test_steps_know_their_transpose():
     texels = ball(32)
     operators = surface_operators(texels, torch.tensor([20.0, 100.0, 500.0]))

@@ -77,15 +77,13 @@ def diffusion(
             if built is None:
                 fits = affordable(texels, variances, budget_bytes)
                 built = surface_operators(texels, variances[fits], progress=progress, cancel=cancel)
-            known = variances[:, None] == built.variances.to(variances)
-            crosses = known.any(1)
-            asked = known.nonzero()[:, 1]
+            place = {float(v): k for k, v in enumerate(built.variances.to(variances))}
+            crosses = torch.tensor([float(v) in place for v in variances], dtype=torch.bool)
+            built = built.only([place[float(v)] for v in variances if float(v) in place])
             if is_grey(values):
                 copies = built.applied(values[:, :1]).expand(-1, -1, values.shape[1])
             else:
                 copies = built.applied(values)
-            if not torch.equal(asked, torch.arange(len(copies), device=asked.device)):
-                copies = copies[asked]
             if bool(crosses.all()):
                 return copies
             if notice is not None:

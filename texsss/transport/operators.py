@@ -8,7 +8,8 @@ Source: the sums of Greengard & Strain 1991 (fast Gauss transform), by lattices 
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -93,6 +94,33 @@ class Operators:
     def bytes(self) -> int:
         """Memory of all matrices."""
         return sum(matrix.bytes for matrix in self.matrices)
+
+    def only(self, chosen: Sequence[int]) -> "Operators":
+        """Those of the `chosen` variances, by their places, and what these are made from."""
+        numbers = {self.result[k] for k in chosen}
+        for number in range(len(self.steps), 0, -1):
+            if number in numbers:
+                numbers.add(self.steps[number - 1].source)
+        kept = [number for number in range(1, 1 + self.count) if number in numbers]
+        place = {number: 1 + k for k, number in enumerate(kept)} | {0: 0}
+        first = 1 + len(self.steps)
+        steps = [
+            replace(self.steps[number - 1], source=place[self.steps[number - 1].source])
+            for number in kept
+            if number < first
+        ]
+        levels, used, number = [], 0, first
+        for level in self.levels:
+            own = [k for k in range(len(level.blurs)) if number + k in numbers]
+            number += len(level.blurs)
+            variances, blurs = (tuple(of[k] for k in own) for of in (level.variances, level.blurs))
+            levels.append(replace(level, variances=variances, blurs=blurs))
+            used = len(levels) if own else used
+        wide = [number - first for number in kept if number >= first]
+        lost, found = (tuple(of[k] for k in wide) for of in (self.lost, self.found))
+        result = tuple(place[self.result[k]] for k in chosen)
+        variances, total = self.variances[list(chosen)], self.total[wide]
+        return Operators(variances, result, tuple(steps), tuple(levels[:used]), self.area, total, lost, found)
 
     def applied(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "K P C"]:
         """`values` convolved with every Gaussian, in the order of `variances`. Differentiable in `values`."""
