@@ -2,6 +2,9 @@
 
 import base64
 import json
+import socket
+import threading
+from contextlib import suppress
 from urllib.parse import quote
 
 import numpy as np
@@ -21,16 +24,17 @@ def address(scene: dict) -> str:
     return "/#scene=" + quote(json.dumps(scene))
 
 
-def pixels(page) -> np.ndarray:
+def pixels(page, quickly: bool = False) -> np.ndarray:
     """(H, W, 3) of the canvas as drawn now, read back in the task that drew it."""
     found = page.evaluate(
-        """() => {
-          const { width, height, data } = window.texsss.viewer.pixels();
+        """(quickly) => {
+          const { width, height, data } = window.texsss.viewer.pixels(quickly);
           let text = '';
           for (let i = 0; i < data.length; i += 32768)
             text += String.fromCharCode(...data.subarray(i, i + 32768));
           return { width, height, data: btoa(text) };
-        }"""
+        }""",
+        quickly,
     )
     flat = np.frombuffer(base64.b64decode(found["data"]), np.uint8)
     return flat.reshape(found["height"], found["width"], 4)[::-1, :, :3].astype(np.int32)
@@ -64,3 +68,56 @@ def pose(page) -> dict:
 def state(page) -> dict:
     """What is undone, shared and saved."""
     return page.evaluate("window.texsss.store.state")
+
+
+class Gate:
+    """Passes bytes between an address of its own and a server's, while it is open."""
+
+    def __init__(self, server):
+        host, _, port = server.url.removeprefix("http://").partition(":")
+        self.behind = (host, int(port))
+        self.port = 0
+        self.sockets: list[socket.socket] = []
+        self.open()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    def __enter__(self) -> "Gate":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Listens, at the same port as before."""
+        listener = socket.create_server(("127.0.0.1", self.port))
+        self.port = listener.getsockname()[1]
+        self.sockets = [listener]
+        threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
+
+    def close(self) -> None:
+        """Ends all connections; new ones are refused."""
+        for one in self.sockets:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = listener.accept()
+                far = socket.create_connection(self.behind)
+                self.sockets += [near, far]
+                for source, sink in ((near, far), (far, near)):
+                    threading.Thread(target=_pass, args=(source, sink), daemon=True).start()
+
+
+def _pass(source: socket.socket, sink: socket.socket) -> None:
+    with suppress(OSError):
+        while data := source.recv(65536):
+            sink.sendall(data)
+    for one in (source, sink):
+        with suppress(OSError):
+            one.shutdown(socket.SHUT_RDWR)

@@ -3,7 +3,9 @@
 import base64
 
 import numpy as np
+import pytest
 from paging import METHODS, pixels, pose, settle, state
+from PIL import Image
 from serving import torus_obj
 
 SLIDER = "#panel-material .card-body input[type=range]"
@@ -123,7 +125,7 @@ def test_a_mesh_of_ones_own(visit, tmp_path):
 
 
 def test_a_shared_mesh_with_its_colours(visit, shared_data):
-    page = visit({"methods": METHODS})
+    page = visit({"methods": METHODS, "atlas": {"size": 256}})
     settle(page, lambda: drop(page, shared_data / "meshes" / "spot_uv.obj"))
     first = shown(page)
     settle(page, lambda: drop(page, shared_data / "meshes" / "spot_texture.png"))
@@ -159,6 +161,39 @@ def test_problems_stand_at_their_fields(visit):
     settle(page, lambda: (field.fill("2"), field.press("Enter")))
     assert field.get_attribute("aria-invalid") is None
     page.said.clear()
+
+
+def test_long_work_is_cancelled(visit):
+    page = visit()
+    page.route("**/v1/jobs/*/events", lambda route: None)  # it never says that it is done
+    page.get_by_role("tab", name="Object").click()
+    page.get_by_label("Light map", exact=True).select_option("256")
+    page.get_by_role("button", name="Cancel").click()
+    page.locator("#badge[data-state=stopped]").wait_for()
+    assert page.locator(".progress").is_hidden()
+    page.unroute("**/v1/jobs/*/events")
+    settle(page, lambda: page.get_by_role("button", name="Undo").click())
+
+
+def test_pictures_and_turns(visit):
+    """Screenshot and turntable, by their keys; the material in use is marked."""
+    page = visit()
+    with page.expect_download() as download:
+        page.locator("#view").press("s")
+    assert download.value.suggested_filename == "mesh.png"
+    with Image.open(download.value.path()) as picture:
+        assert np.asarray(picture).std() > 10
+    stood = pose(page)
+    page.locator("#view").press("t")
+    page.wait_for_timeout(300)
+    page.locator("#view").press("t")
+    turned = pose(page)
+    assert turned["target_mm"] == stood["target_mm"] and turned["position_mm"] != stood["position_mm"]
+    assert turned["position_mm"][1] == pytest.approx(stood["position_mm"][1])
+    chip = page.get_by_role("button", name="Jade")
+    assert chip.get_attribute("aria-pressed") == "false"
+    settle(page, chip.click)
+    assert chip.get_attribute("aria-pressed") == "true"
 
 
 PROBLEM = {

@@ -1,11 +1,12 @@
 """Phones, themes, screen readers, a service that goes away, a graphics card that is taken."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from paging import METHODS, address, pixels, settle, state, until
-from serving import end, launch, until_ready
+from paging import METHODS, Gate, pixels, pose, settle, state, until
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 TABS = ("Material", "Light", "Object", "Inside")
@@ -43,6 +44,24 @@ def test_phone(visit):
     settle(page, lambda: page.get_by_role("button", name="Marble").tap())
     assert pixels(page).std() > 20
 
+    stood, lit = pose(page), state(page)["lights"]
+    touch = page.context.new_cdp_session(page)
+
+    def fingers(kind, *places):
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def two_fingers():
+        fingers("touchStart", (80, 340))
+        fingers("touchStart", (80, 340), (160, 340))
+        for step in range(1, 6):
+            fingers("touchMove", (80 + 10 * step, 340), (160 + 10 * step, 340))
+        fingers("touchEnd")
+
+    settle(page, two_fingers)
+    assert state(page)["lights"] != lit, "two fingers move the light"
+    np.testing.assert_allclose(pose(page)["position_mm"], stood["position_mm"], rtol=1e-3)
+
 
 def test_the_context_comes_back(visit):
     page = visit()
@@ -58,23 +77,22 @@ def test_the_context_comes_back(visit):
     assert abs(pixels(page) - before).max() <= 2
 
 
-def test_the_service_goes_and_comes_back(visit, tmp_path):
-    running = until_ready(launch(tmp_path, "first"))
-    port = running.url.rpartition(":")[2]
-    page = visit(path=address({"atlas": {"size": 64}, "methods": {"diffusion": "uv"}}), server=running)
-    end(running)
-    page.get_by_role("button", name="Milk on ketchup").click()
-    page.get_by_role("alert").filter(has_text="can't be reached").wait_for()
-    again = launch(tmp_path, "second", port=port)
-    try:
-        until_ready(again)
+def test_the_service_goes_and_comes_back(visit, page_server):
+    """A gate before the service: closed, nothing listens at the address of the page."""
+    with Gate(page_server) as gate:
+        page = visit(server=replace(page_server, url=gate.url))
+        gate.close()
+        page.get_by_role("button", name="Milk on ketchup").click()
+        page.get_by_role("alert").filter(has_text="can't be reached").wait_for()
+        gate.open()
         page.locator(".banner").wait_for(state="hidden")
         page.wait_for_selector("#badge[data-state=final]")
         assert len(state(page)["layers"]) == 2
-    finally:
         page.goto("about:blank")  # it asks the service no more
-        end(again)
-    page.said[:] = [text for text in page.said if "REFUSED" not in text and "503" not in text]
+    page.said[:] = [text for text in page.said if not any(word in text for word in GONE)]
+
+
+GONE = ("REFUSED", "RESET", "EMPTY_RESPONSE")
 
 
 def test_nothing_shifts_and_nothing_comes_from_elsewhere(visit):

@@ -12,6 +12,7 @@ import { Files } from "./files";
 import { expanded } from "./lights";
 import { Live } from "./live";
 import { Marching } from "./marching";
+import { BeneathSection } from "./panels/beneath";
 import { InsidePanel } from "./panels/inside";
 import { LayersPanel } from "./panels/layers";
 import { LightPanel } from "./panels/light";
@@ -36,6 +37,9 @@ const BACKDROP: Showing["background"] = [
   [0.075, 0.082, 0.092],
 ];
 const HOME = [0.62, 0.36, 0.7] as const; // where other meshes are seen from
+
+/** A file's name as people say it. */
+const spoken = (name: string): string => (name.charAt(0).toUpperCase() + name.slice(1)).replace(/[-_]/g, " ");
 
 const reducedMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -62,8 +66,9 @@ export class App {
   private framed = "";
   private profiled = "";
   private profileTimer = 0;
+  private baking: AbortController | null = null;
 
-  constructor(scenes: { scene: Scene }[], presets: Preset[], shared: Shared | null) {
+  constructor(scenes: { name: string; summary: string; scene: Scene }[], presets: Preset[], shared: Shared | null) {
     const scene = { ...scenes[0].scene, ...shared?.scene } as Scene;
     this.camera = scenes[0].scene.camera;
     this.initial = fromScene(scene, presets);
@@ -84,7 +89,7 @@ export class App {
       restored: () => this.status.away(null),
     }));
     this.aim = new Aim(store, viewer, () => this.live.showing);
-    this.status = new Status(() => this.live.cancel());
+    this.status = new Status(() => (this.baking ? this.baking.abort() : this.live.cancel()));
     this.live = new Live({
       badge: (badge) => this.status.show(badge),
       ground: (showing, geometry) => {
@@ -112,7 +117,7 @@ export class App {
     this.files = new Files(store, find("view"), {
       shown: (kind) => kind === "mesh" && this.bar.announceMesh(),
       initial: this.initial,
-      busy: (text) => this.status.show(text ? { state: "busy", texels: store.state.atlas.size, ms: 0, stage: "mesh", fraction: 0 } : { state: "final", texels: store.state.atlas.size, ms: 0 }),
+      busy: (stage) => (stage ? this.status.show({ state: "busy", texels: store.state.atlas.size, ms: 0, stage, fraction: 0 }) : this.status.done()),
     });
     this.handle = new LightHandle(overlay, viewer, { turn: (yaw, pitch) => this.aim.turn(yaw, pitch), done: () => this.aim.done() });
     this.marching = new Marching({
@@ -172,17 +177,19 @@ export class App {
         this.show();
       },
     });
+    const known = scenes.map(({ name, summary, scene }) => ({ name: spoken(name), summary, show: () => store.replace(fromScene(scene, presets)) }));
     const surface = new SurfaceSection(store, this.initial, host);
     const view = viewSection(store, this.initial);
-    const object = new ObjectPanel(store, { showing: () => this.live.showing, openMesh: () => void this.files.openMesh(), sample: () => this.files.sample(), scene: () => this.scene(), name: () => this.name });
+    const object = new ObjectPanel(store, { showing: () => this.live.showing, openMesh: () => void this.files.openMesh(), sample: () => this.files.sample(), scene: () => this.scene(), name: () => this.name, scenes: known });
     const method = new MethodPanel(store, this.initial);
-    this.panels = [this.layers, surface, this.lights, { sync: () => view.controls.forEach((control) => control.sync()) }, object, method, this.inside];
+    const beneath = new BeneathSection(store, host);
+    this.panels = [this.layers, surface, this.lights, { sync: () => view.controls.forEach((control) => control.sync()) }, object, method, beneath, this.inside];
 
     const tabs = new Tabs((name) => name === "Inside" && this.profile.draw());
     tabs.add("Material", this.layers.element, surface.element);
     tabs.add("Light", this.lights.element, view.element);
     tabs.add("Object", object.element);
-    tabs.add("Inside", this.inside.element, this.profile.element, method.element);
+    tabs.add("Inside", this.inside.element, this.profile.element, method.element, beneath.element);
     find("panel").append(tabs.list, tabs.panels);
 
     const help = helpDialog();
@@ -229,7 +236,8 @@ export class App {
 
   private get name(): string {
     const { asset } = this.store.state.mesh.source;
-    return ((asset && this.files.names[asset]) ?? this.live.showing?.mesh.name ?? "").replace(/\.\w+$/, "");
+    const name = asset ? (this.files.names[asset] ?? "mesh") : (this.live.showing?.mesh.name ?? "");
+    return name.replace(/\.\w+$/, "");
   }
 
   /** What the page's own shader shows of the state. */
@@ -291,11 +299,13 @@ export class App {
     try {
       const { camera: _camera, ...scene } = this.scene();
       const progress = (stage: string, fraction: number) => this.status.show({ state: "busy", texels: scene.atlas.size, ms: 0, stage, fraction });
-      save("model.glb", await api.bake(scene, { progress }));
+      this.baking = new AbortController();
+      save("model.glb", await api.bake(scene, { progress, signal: this.baking.signal }));
     } catch (error) {
-      showProblem(error);
+      if ((error as Error).name !== "AbortError") showProblem(error);
     } finally {
-      this.status.show({ state: "final", texels: this.store.state.atlas.size, ms: 0 });
+      this.baking = null;
+      this.status.done();
     }
   }
 

@@ -80,6 +80,8 @@ export class Files {
       for (const layer of state.layers) layer.thickness_map = null;
       if (state.layers.some((layer) => layer.by === "given")) state.layers = structuredClone(this.host.initial.layers);
       state.lights = structuredClone(this.host.initial.lights);
+      delete state.methods.parallax;
+      if (state.methods.diffusion === "parallax") state.methods.diffusion = this.host.initial.methods.diffusion;
     });
     this.host.shown("mesh");
   }

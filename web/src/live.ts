@@ -15,7 +15,7 @@ const NPY = "application/x-npy";
 const HEADROOM = 1.3; // of drafts over the greatest value seen, which they clip
 
 export interface Badge {
-  state: "busy" | "draft" | "final" | "failed";
+  state: "busy" | "draft" | "final" | "failed" | "stopped";
   texels: number;
   ms: number;
   stage?: string;
@@ -100,6 +100,7 @@ export class Live {
     this.final?.abort(new DOMException("cancelled", "AbortError"));
     this.settledOn = this.wanted ? this.key(this.wanted) : "";
     this.shown = this.settledOn;
+    this.events.badge?.({ state: "stopped", texels: 0, ms: 0 });
   }
 
   get busy(): boolean {

@@ -22,8 +22,11 @@ async function ready(): Promise<void> {
 }
 
 async function start(): Promise<void> {
+  // asked at once: a service that is ready answers all three together
+  const known = () => Promise.all([api.scenes(), api.presets()]);
+  const early = known().catch(() => null);
   await ready();
-  const [scenes, presets] = await Promise.all([api.scenes(), api.presets()]);
+  const [scenes, presets] = (await early) ?? (await known());
   const given = await readHash(location.hash).catch((error) => {
     toast("The link could not be read", String(error));
     return null;

@@ -38,7 +38,9 @@ export class Marching {
   constructor(private readonly host: MarchingHost) {}
 
   get wanted(): boolean {
-    return this.host.state().methods.single_scattering !== "none" && this.host.allowed();
+    const { single_scattering, diffusion } = this.host.state().methods;
+    const depends = single_scattering !== "none" || (diffusion === "parallax" && !this.alone);
+    return depends && this.host.allowed();
   }
 
   /** Something moved: what was marched is of the past. */

@@ -85,6 +85,7 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
 /** The scene that the service understands, but for its camera: layers that are muted are left out. */
 export function toScene(state: State): Omit<Scene, "camera"> {
   const { layers, surface, ...rest } = structuredClone(state);
+  if (rest.methods.diffusion === "parallax" && !rest.methods.parallax?.layers.length) rest.methods.diffusion = "none"; // yet
   const heard = layers.filter((layer) => !layer.muted);
   const media: Record<string, MediumSpec> = {};
   for (const [name, medium] of Object.entries(state.media)) {
@@ -114,7 +115,7 @@ export function bakedPart(scene: Omit<Scene, "camera">): Omit<Scene, "camera" | 
   const { albedo, albedo_mode, normalise, normal, normal_y } = scene.material.surface;
   const lights = rest.lights;
   const used = new Set<string>(
-    JSON.stringify([rest.material.layers, rest.media, rest.lights, albedo, normal]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
+    JSON.stringify([rest.material.layers, rest.media, rest.lights, albedo, normal, methods.diffusion === "parallax" && methods.parallax]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
   );
   const maps = Object.fromEntries(Object.entries(rest.maps).filter(([name]) => used.has(name)));
   const surface = strip({ albedo, albedo_mode, normalise, normal, normal_y });

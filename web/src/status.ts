@@ -27,6 +27,7 @@ export class Status {
   private readonly bar = h("progress", { max: 1, "aria-label": "Progress" });
   private readonly stage = h("span");
   private timer = 0;
+  private last: Badge = { state: "stopped", texels: 0, ms: 0 };
 
   constructor(cancel: () => void) {
     const stop = h("button", { type: "button", onclick: cancel }, "Cancel");
@@ -45,9 +46,15 @@ export class Status {
     clearTimeout(this.timer);
     this.timer = 0;
     this.progress.hidden = true;
-    const said = badge.state === "failed" ? "no picture" : `${badge.texels}² · ${Math.round(badge.ms)} ms`;
+    this.last = badge;
+    const said = { failed: "no picture", stopped: "stopped: change something to go on" }[badge.state as string] ?? `${badge.texels}² · ${Math.round(badge.ms)} ms`;
     this.badge.replaceChildren(dot(), said, badge.state === "draft" ? h("span", { class: "tag" }, "draft") : "");
     this.badge.title = badge.state === "draft" ? "A draft: the whole follows when things rest" : "Texels of the light map, and how long the service took";
+  }
+
+  /** What went on besides the picture is over. */
+  done(): void {
+    if (this.badge.dataset.state === "busy") this.show(this.last);
   }
 
   /** Something that goes on for long and has no fraction. */

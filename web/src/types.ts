@@ -77,7 +77,7 @@ export interface Camera {
 
 export interface Methods {
   profile: "dipole" | "better-dipole" | "multipole" | "layered-diffusion" | "layered-sp3";
-  diffusion: "none" | "uv" | "surface" | "octree" | "poisson";
+  diffusion: "none" | "uv" | "surface" | "octree" | "poisson" | "parallax";
   rule: "exit" | "entry" | "geometric-mean";
   terms: number;
   incidence: "diffuse" | "normal";
@@ -87,6 +87,13 @@ export interface Methods {
   octree?: { epsilon: number };
   poisson?: { taps: number; passes: number; reduction: number };
   march?: { noise: number; noise_uv: number; deepest_mm: number | null };
+  parallax?: Parallax;
+}
+
+/** Pictures beneath the surface, from the outermost down. */
+export interface Parallax {
+  opacity?: number | string | null;
+  layers: { base: string; depth_mm: number; opacity?: number | string; spread?: number }[];
 }
 
 /** What the service takes where a scene is silent. */

@@ -51,6 +51,7 @@ export class InsidePanel {
   private readonly what = h("p", { class: "note" });
   private readonly number = h("input", { type: "range", min: 1, max: 8, step: 1 });
   private readonly numberSaid = h("output");
+  private readonly numberLabel: HTMLElement;
   private readonly numberRow: HTMLElement;
   private readonly flat: HTMLButtonElement;
   private readonly seams: HTMLButtonElement;
@@ -60,8 +61,8 @@ export class InsidePanel {
     this.select = h("select", { id: "inside", onchange: () => this.choose(this.select.value) }, ...STOPS.map((stop) => h("option", { value: stop.key }, stop.name)));
     this.number.id = "inside-number";
     this.number.addEventListener("input", () => this.ask());
-    const label = h("label", { for: "inside-number" }, "Which");
-    this.numberRow = h("div", { class: "control slider" }, h("div", { class: "head" }, label, this.numberSaid), this.number);
+    this.numberLabel = h("label", { for: "inside-number" });
+    this.numberRow = h("div", { class: "control slider" }, h("div", { class: "head" }, this.numberLabel, this.numberSaid), this.number);
     this.flat = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.unfold() }, icon("unfold"), "Lay flat");
     this.seams = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.showSeams(this.seams.getAttribute("aria-pressed") !== "true") }, "Show seams");
     this.element = section(
@@ -106,6 +107,7 @@ export class InsidePanel {
     const { of } = this.stop;
     this.what.textContent = this.stop.what;
     this.numberRow.hidden = !of;
+    this.numberLabel.textContent = of === "layer" ? "Which layer" : "Which copy";
     const layers = this.host.state().layers.filter((layer) => !layer.muted).length;
     this.number.max = String(of === "layer" ? layers : this.host.state().methods.terms);
     const k = this.number.valueAsNumber;

@@ -7,14 +7,12 @@ import { RECIPES, SPOKEN } from "../recipes";
 import { coefficients, type Layer, presetLayer, type State } from "../state";
 import type { Store } from "../store";
 import type { Preset, Triple } from "../types";
+import type { MapHost } from "./look";
 import { CrossSection, swatch } from "./section";
 
 const MOST = 8;
 
-export interface LayersHost {
-  /** Uploads a file and names it as a map; null when it could not. */
-  takeMap(file: File): Promise<string | null>;
-  pickFile(accept: string): Promise<File | null>;
+export interface LayersHost extends MapHost {
   announce(text: string): void;
 }
 
@@ -24,6 +22,7 @@ export class LayersPanel {
   private readonly cards = h("ol", { class: "cards", "aria-label": "Layers, from the surface inwards" });
   private controls: Control[] = [];
   private structure = "";
+  private readonly chips: [HTMLElement, string][] = []; // and the layers that each stands for
   private readonly presets: Map<string, Preset>;
   private readonly add: HTMLButtonElement;
   private open = 0;
@@ -57,7 +56,9 @@ export class LayersPanel {
         });
         this.host.announce(`${recipe.name}: ${recipe.what}`);
       };
-      return h("button", { type: "button", class: "chip", title: recipe.what, onclick: act }, dots, recipe.name);
+      const chip = h("button", { type: "button", class: "chip", title: recipe.what, onclick: act }, dots, recipe.name);
+      this.chips.push([chip, JSON.stringify(layers)]);
+      return chip;
     });
     return h("div", { class: "chips", role: "group", "aria-label": "Materials to start from" }, ...buttons);
   }
@@ -86,6 +87,8 @@ export class LayersPanel {
       layers.forEach((layer, i) => this.cards.children[i]?.querySelector<HTMLElement>(".swatch")?.style.setProperty("--colour", swatch(layer)));
       this.cards.querySelectorAll<HTMLElement>(".title").forEach((title, i) => void (title.textContent = titleOf(layers[i])));
     }
+    const made = JSON.stringify(layers);
+    for (const [chip, of] of this.chips) chip.setAttribute("aria-pressed", String(of === made));
     this.add.hidden = layers.length >= MOST;
     this.section.draw(layers);
   }
@@ -217,7 +220,7 @@ export class LayersPanel {
       const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");
       if (file) await this.takeThickness(file, index);
     };
-    buttons.append(h("button", { type: "button", title: "Or drop an image on this card", onclick: pick }, icon("map"), "Paint it: map…"));
+    buttons.append(h("button", { type: "button", title: "Or drop an image on this card", onclick: pick }, icon("map"), "Thickness from a picture…"));
     box.append(buttons);
     return box;
   }

@@ -31,12 +31,13 @@ export class LightPanel {
   private readonly list = h("ol", { class: "cards", "aria-label": "Lights" });
   private controls: Control[] = [];
   private structure = "";
+  private readonly chips: HTMLElement[];
 
   constructor(
     private readonly store: Store,
     private readonly host: LightHost,
   ) {
-    const chips = SETUPS.map((setup) =>
+    this.chips = SETUPS.map((setup) =>
       h("button", { type: "button", class: "chip", title: setup.what, onclick: () => this.store.edit((state) => void (state.lights = setup.make(this.centre, this.diagonal))) }, setup.name),
     );
     const more: [string, (centre: Vector3, size: number) => Light][] = [
@@ -49,7 +50,7 @@ export class LightPanel {
       h("button", { type: "button", onclick: () => this.addLight(make(this.centre, this.diagonal)) }, icon("add"), name),
     );
     this.element.append(
-      section("Start from", h("div", { class: "chips", role: "group", "aria-label": "Light to start from" }, ...chips)),
+      section("Start from", h("div", { class: "chips", role: "group", "aria-label": "Light to start from" }, ...this.chips)),
       section("Lights", h("p", { class: "note" }, "Drag the sun in the picture, or hold Shift and drag anywhere: the light goes around the object, behind it too."), this.list),
       section("Add", h("div", { class: "buttons", role: "group", "aria-label": "Add a light" }, ...adds)),
     );
@@ -79,8 +80,11 @@ export class LightPanel {
     if (structure !== this.structure) {
       this.structure = structure;
       this.controls = [];
-      this.list.replaceChildren(...lights.map((light, index) => this.card(light, index)));
+      const cards = lights.map((light, index) => this.card(light, index));
+      this.list.replaceChildren(...(cards.length ? cards : [h("li", { class: "note" }, "It is dark: add a light below, or start from one above.")]));
     } else for (const control of this.controls) control.sync();
+    const made = JSON.stringify(lights);
+    SETUPS.forEach((setup, i) => this.chips[i].setAttribute("aria-pressed", String(JSON.stringify(setup.make(this.centre, this.diagonal)) === made)));
   }
 
   private card(light: Light, index: number): HTMLElement {

@@ -1,4 +1,4 @@
-// The View tab and the surface's gloss: what the page's own shader does, at once.
+// The picture and the surface's gloss: what the page's own shader does, at once.
 
 import { check, choice, type Control, section, slider } from "../controls";
 import { h, icon } from "../dom";
@@ -42,7 +42,9 @@ export function viewSection(store: Store, initial: State): { element: HTMLElemen
   return { element: section("Picture", ...controls.map((control) => control.element)), controls };
 }
 
-export interface SurfaceHost {
+/** Where pictures come from. */
+export interface MapHost {
+  /** Uploads a file and names it as a map; null when it could not. */
   takeMap(file: File): Promise<string | null>;
   pickFile(accept: string): Promise<File | null>;
 }
@@ -56,7 +58,7 @@ export class SurfaceSection {
   constructor(
     private readonly store: Store,
     private readonly initial: State,
-    private readonly host: SurfaceHost,
+    private readonly host: MapHost,
   ) {
     this.sync();
   }

@@ -35,10 +35,11 @@ export class MethodPanel {
       section(
         "Method",
         this.pick("diffusion", "Light spreads", [
-          ["surface", "over the surface, across seams"],
-          ["uv", "in the texture: quicker"],
-          ["octree", "summed over an octree: slow"],
+          ["surface", "over the surface"],
+          ["uv", "in the texture: fast"],
+          ["octree", "by an octree: slow"],
           ["poisson", "by Poisson discs (2006)"],
+          ["parallax", "pictures beneath (2006)"],
           ["none", "not at all"],
         ]),
         this.part("octree", OCTREE, "epsilon", by("octree"), { label: "Coarseness ε", hint: "Parts of the surface with an area below ε × distance² count as one", min: 0.005, max: 1, log: true, limits: [1e-4, 10] }),
@@ -47,7 +48,7 @@ export class MethodPanel {
         this.part("poisson", POISSON, "reduction", by("poisson"), { label: "Light map made smaller", unit: "×", min: 1, max: 8, whole: true, limits: [1, 16] }),
         this.through(),
         this.pick("profile", "Profile", [
-          ["layered-sp3", "Layered SP3: most accurate"],
+          ["layered-sp3", "Layered SP3: the best"],
           ["layered-diffusion", "Layered diffusion"],
           ["multipole", "Multipole"],
           ["better-dipole", "Better dipole"],
@@ -67,9 +68,9 @@ export class MethodPanel {
       section(
         "First bounce",
         this.pick("single_scattering", "Scattered once", [
-          ["none", "in the texture, with the rest"],
-          ["exact", "marched for this view, exactly"],
-          ["uniform", "marched in even steps (2006)"],
+          ["none", "with all the rest"],
+          ["exact", "marched exactly"],
+          ["uniform", "marched in even steps"],
         ], "Marched light depends on the view: it is blended in when the camera rests"),
         this.number("/methods/march_samples", (methods) => methods.march_samples, (methods, value) => void (methods.march_samples = value), { label: "Steps", min: 1, max: 100, log: true, whole: true, limits: [1, 1000] }, marched),
         this.part("march", MARCH, "noise", uniform, { label: "Noise of the start", unit: "steps", hint: "Each point starts elsewhere within a step, which hides the steps", min: 0, max: 1 }),

@@ -14,6 +14,8 @@ export interface ObjectHost {
   showing(): Showing | null;
   openMesh(): void;
   sample(): void;
+  /** Scenes that come with the page, and how one is shown. */
+  scenes: { name: string; summary: string; show(): void }[];
   name(): string;
   scene(): Scene;
 }
@@ -21,6 +23,7 @@ export interface ObjectHost {
 export class ObjectPanel {
   readonly element = h("div");
   private readonly facts = h("dl", { class: "facts" });
+  private readonly summary = h("p", { class: "note" }, "Whole settings to start from: layers, maps and light.");
   private readonly advice = h("ul", { class: "advice" });
   private readonly controls: Control[];
 
@@ -50,8 +53,8 @@ export class ObjectPanel {
       choice(store, {
         label: "Laid out",
         choices: [
-          ["auto", "as the author did, if that serves"],
-          ["source", "as the author did"],
+          ["auto", "by the author, if it serves"],
+          ["source", "by the author"],
           ["xatlas", "anew"],
         ],
         get: (state) => state.atlas.uv ?? "auto",
@@ -61,6 +64,7 @@ export class ObjectPanel {
     this.controls.push(...stored);
     const examine = h("button", { type: "button", onclick: () => this.examine(examine) }, "Examine mesh and texture coordinates");
     this.element.append(
+      section("Scenes", h("div", { class: "chips scenes", role: "group", "aria-label": "Scenes to start from" }, ...host.scenes.map((scene) => h("button", { type: "button", class: "chip", title: scene.summary, onclick: () => this.take(scene) }, scene.name))), this.summary),
       section("Mesh", this.facts, h("div", { class: "buttons" }, h("button", { type: "button", onclick: () => host.openMesh() }, icon("open"), "Open a mesh…"), h("button", { type: "button", onclick: () => host.sample() }, "The axolotl")), h("p", { class: "note" }, "Or drop an OBJ, PLY, STL or GLB on the picture. It stays on this machine: nothing is sent elsewhere.")),
       section("Size", this.controls[0].element, this.controls[1].element),
       section("Where light is kept", ...stored.map((control) => control.element)),
@@ -86,6 +90,11 @@ export class ObjectPanel {
       ["A texel is", `${plain(showing.atlas.texel_mm)} mm`],
     ];
     this.facts.replaceChildren(...rows.flatMap(([name, value]) => [h("dt", null, name), h("dd", null, value)]));
+  }
+
+  private take(scene: ObjectHost["scenes"][number]): void {
+    scene.show();
+    this.summary.textContent = `${scene.name}: ${scene.summary}`;
   }
 
   private async examine(button: HTMLButtonElement): Promise<void> {

@@ -1,14 +1,14 @@
 // Where the atlas is cut.
 
 import type { BufferGeometry } from "three";
-import { welded } from "./solid";
+import { welded } from "./shape";
 
 /** Line segments [mm] along the edges where the atlas is cut. */
 export function seams(geometry: BufferGeometry): { positions: Float32Array; uv: Float32Array } {
   const position = geometry.getAttribute("position");
   const atlas = geometry.getAttribute("atlas");
   const index = geometry.getIndex()!.array;
-  const place = welded(geometry);
+  const place = welded(position.array);
   // an edge whose two sides use other corners, or that has one side only
   const sides = new Map<number, [number, number][]>();
   for (let face = 0; face < index.length; face += 3) {

@@ -3,9 +3,9 @@
 import { BufferGeometry, type Camera, DoubleSide, GLSL3, Matrix3, Mesh, ShaderMaterial, type WebGLRenderer } from "three";
 import { Ball } from "./ball";
 import { applyLook, type Look, lookDefines, sheetUniforms, surfaceUniforms } from "./look";
+import { Quick } from "./quick";
 import { FRAGMENT, SHOWS, VERTEX } from "./shaders";
 import { Shadows } from "./shadows";
-import { Turned } from "./solid";
 import type { toneUniforms } from "./tone";
 
 export type Show = keyof typeof SHOWS;
@@ -18,8 +18,9 @@ export class Surface {
   show: Show = "picture";
   difference = false;
   tonemap = 0;
-  private turned: Turned | null = null;
-  private examined = false;
+  /** What stands in for the object in quick frames, once it is made. */
+  quick: Quick | null = null;
+  private making: { cancel(): void } | null = null;
   private readonly ball = new Ball();
   private readonly shadows = { A: new Shadows(), B: new Shadows() };
   private readonly materials = new Map<string, ShaderMaterial>(); // by their defines
@@ -31,16 +32,16 @@ export class Surface {
   setGeometry(geometry: BufferGeometry): void {
     this.geometry?.dispose();
     this.geometry = geometry;
-    this.turned = null;
-    this.examined = false;
+    this.quick?.geometry.dispose();
+    this.quick = null;
+    this.making?.cancel();
+    this.making = null;
     this.mesh.visible = true;
   }
 
-  /** Finds out whether faces that turn away can be left out; for those who draw slowly. */
-  examine(): void {
-    if (!this.geometry || this.examined) return;
-    this.examined = true;
-    this.turned = Turned.of(this.geometry);
+  /** Makes what quick frames show; for those who draw slowly. */
+  prepare(): void {
+    if (this.geometry) this.making ??= Quick.of(this.geometry, (quick) => (this.quick = quick));
   }
 
   /** The shadows are to be drawn again. */
@@ -50,7 +51,7 @@ export class Surface {
 
   /** Puts a side's look on the mesh, as `camera` will see it. */
   dress(renderer: WebGLRenderer, camera: Camera, side: "A" | "B", look: Look, quickly: boolean): void {
-    const { geometry, mesh, turned } = this;
+    const { geometry, mesh } = this;
     if (!geometry) return;
     const flat = this.sheet.unfold.value > 0;
     const plain = this.show === "picture" && !this.difference;
@@ -66,8 +67,10 @@ export class Surface {
     } else if (plain) defines.SHADOWS = shadows.update(renderer, geometry, look.beams);
     const material = (mesh.material = this.material(defines));
     Object.assign(material.uniforms, shadows.uniforms);
-    if (turned && !flat) turned.towards(camera.position);
-    mesh.geometry = turned && !flat ? turned.geometry : geometry;
+    const few = quickly ? this.quick : null;
+    if (flat) few?.everywhere();
+    else few?.towards(camera.position);
+    mesh.geometry = few?.geometry ?? geometry;
   }
 
   private material(defines: Record<string, number>): ShaderMaterial {

@@ -65,5 +65,7 @@ function decodedHere(bitmap: ImageBitmap, srgb: boolean): Texture {
   context.drawImage(bitmap, 0, 0);
   const bytes = context.getImageData(0, 0, width, height).data;
   const table = Uint16Array.from({ length: 256 }, (_, level) => toHalf(srgb ? decode(level / 255) : level / 255));
-  return data(Uint16Array.from(bytes, (level) => table[level]), width, height);
+  const values = new Uint16Array(bytes.length);
+  for (let i = 0; i < bytes.length; i++) values[i] = table[bytes[i]];
+  return data(values, width, height);
 }

@@ -19,16 +19,27 @@ export interface ViewerEvents extends OrbitEvents {
 
 const MOST_PIXELS_PER_PIXEL = 2;
 
-/** Whether there is no graphics card: then every pixel and every triangle costs. */
-function software(): boolean {
-  const gl = document.createElement("canvas").getContext("webgl2");
+/** Whether no graphics card draws: then every pixel and every triangle costs. */
+function isSoftware(gl: WebGL2RenderingContext | null): boolean {
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
   const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
-  gl?.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
+/** The canvas with its context; another canvas takes its place where a graphics card can smooth edges. */
+function prepared(canvas: HTMLCanvasElement): { canvas: HTMLCanvasElement; context: WebGL2RenderingContext | undefined; slow: boolean } {
+  // opaque, so that the browser need not draw what lies behind, nor blend
+  const options = { alpha: false, powerPreference: "high-performance" } as const;
+  const coarse = canvas.getContext("webgl2", { ...options, antialias: false });
+  if (isSoftware(coarse)) return { canvas, context: coarse!, slow: true };
+  coarse?.getExtension("WEBGL_lose_context")?.loseContext();
+  const smooth = canvas.cloneNode() as HTMLCanvasElement;
+  canvas.replaceWith(smooth);
+  return { canvas: smooth, context: smooth.getContext("webgl2", { ...options, antialias: true }) ?? undefined, slow: false };
+}
+
 export class Viewer {
+  readonly canvas: HTMLCanvasElement;
   readonly renderer: WebGLRenderer;
   readonly camera = new PerspectiveCamera(20, 1, 1, 1000);
   readonly orbit: Orbit;
@@ -45,19 +56,18 @@ export class Viewer {
   private share = 0; // of the pixels along an edge, in the buffers as they are
 
   constructor(
-    readonly canvas: HTMLCanvasElement,
+    given: HTMLCanvasElement,
     private readonly frame: HTMLElement,
     events: ViewerEvents,
   ) {
-    const slow = software();
-    // opaque, so that the browser need not draw what lies behind, nor blend
-    const context = canvas.getContext("webgl2", { alpha: false, antialias: !slow, powerPreference: "high-performance" });
-    this.renderer = new WebGLRenderer({ canvas, context: context ?? undefined });
+    const { canvas, context, slow } = prepared(given);
+    this.canvas = canvas;
+    this.renderer = new WebGLRenderer({ canvas, context });
     this.scene.add(this.backdrop.mesh, this.surface.mesh, this.cuts.lines);
     this.pace = new Pace(
       slow,
       (quickly) => this.draw(quickly),
-      () => this.prepare(),
+      () => this.surface.prepare(),
     );
     this.orbit = new Orbit(this.camera, frame, {
       ...events,
@@ -91,11 +101,6 @@ export class Viewer {
   /** Uniforms that all materials of the surface share. */
   get uniforms(): Surface["uniforms"] {
     return this.surface.uniforms;
-  }
-
-  private prepare(): void {
-    // Safari has no idle callbacks
-    (window.requestIdleCallback ?? setTimeout)(() => this.surface.examine());
   }
 
   /** Draws this share of the pixels along an edge. */
@@ -144,7 +149,6 @@ export class Viewer {
   setGeometry(geometry: BufferGeometry): void {
     this.surface.setGeometry(geometry);
     this.showSeams(this.cuts.lines.visible);
-    if (this.pace.slow) this.prepare();
   }
 
   get centre(): Vector3 {
@@ -171,6 +175,7 @@ export class Viewer {
     discard(look.light, texture);
     look.light = texture;
     look.scale = texture.userData.scale ?? 1;
+    if (this.pace.slow) this.surface.prepare(); // not before there is something to see
     this.redraw();
   }
 
@@ -273,8 +278,8 @@ export class Viewer {
   }
 
   /** Pixels of the frame as drawn now, RGBA from the bottom up. */
-  pixels(): { width: number; height: number; data: Uint8Array } {
-    this.draw();
+  pixels(quickly = false): { width: number; height: number; data: Uint8Array } {
+    this.draw(quickly);
     const gl = this.renderer.getContext();
     const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
     const data = new Uint8Array(width * height * 4);
