@@ -9,6 +9,9 @@ from texsss.surface.raster import snapped
 from texsss.surface.topology import components, shared_edges
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
+AGREEING = 12  # rounds in which faces follow their neighbours, at most
+PULL = 0.3  # of each neighbour, against the cosine to an axis
+SLANTED = 0.35  # cosine to an axis below which faces are not looked at along it: they would shrink
 ROUNDS = 6  # of taking overlapping faces out of their chart; what still overlaps then stands alone
 TEST_SIZES = (512, 2048)  # texels along the square in which a chart's overlaps are looked for, by its faces
 
@@ -24,16 +27,15 @@ def projected_uv(
     """uv from projections along ±x, ±y, ±z, and the padding [texels] that they have at `size`.
 
     Charts are connected faces whose normals favour the same axis, without folds; every chart has the same
-    texels per mm (a projection shortens slanted faces by 1/√3 at most). With so many charts that the
+    texels per mm (a projection shortens slanted faces to SLANTED at most). With so many charts that the
     padding asked for would fill the square, they get less.
     """
     corners = _scaled(mesh)
     normals = mesh.face_normals.detach().cpu()
-    axis = normals.abs().argmax(-1)
-    positive = torch.gather(normals, 1, axis[:, None])[:, 0] >= 0
-    flat = _projected(corners, axis, positive)
     pairs = shared_edges(mesh.faces.cpu())
-    chart = _split(axis * 2 + positive, pairs)
+    side = _sides(normals, pairs)
+    flat = _projected(corners, side // 2, side % 2 == 1)
+    chart = _split(side, pairs)
     for step in range(ROUNDS):
         check_cancelled(cancel)
         if progress is not None:
@@ -52,6 +54,27 @@ def projected_uv(
     if progress is not None:
         progress("unwrap", 1.0)
     return torch.from_numpy(uv).to(mesh.vertices), padding
+
+
+def _sides(normals: Tensor, pairs: Tensor) -> Tensor:
+    """Which way each face is looked at: 0 to 5 for -x, +x, -y … +z.
+
+    Along the axis that it faces, but as its neighbours are where it nearly faces that way, too: rough
+    surfaces would fall into crumbs. Each round weighs what the neighbours have chosen so far.
+    """
+    facing = torch.stack([-normals, normals], -1).reshape(-1, 6)
+    side = facing.argmax(1)
+    apart = facing < torch.minimum(facing.amax(1, keepdim=True), torch.tensor(SLANTED))
+    for _ in range(AGREEING):
+        votes = torch.zeros_like(facing)
+        for here, there in ((0, 1), (1, 0)):
+            at = pairs[:, here] * 6 + side[pairs[:, there]]
+            votes.view(-1).index_add_(0, at, votes.new_full((), PULL).expand(len(at)))
+        chosen = (facing + votes).masked_fill(apart, -torch.inf).argmax(1)
+        if torch.equal(chosen, side):
+            break
+        side = chosen
+    return side
 
 
 def _split(label: Tensor, pairs: Tensor) -> Tensor:

@@ -11,19 +11,56 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from texsss.errors import DomainError
+from texsss.surface._shelves import FILL
+from texsss.surface._xatlas_child import PIECE
 from texsss.surface.mesh import Mesh
 from texsss.surface.topology import components
-from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
-SECONDS_PER_FACE = 1.6e-4  # on two cores; only for progress and to spare hopeless attempts
+SECONDS_PER_FACE = 1.6e-4  # of processor time; only for progress and to spare hopeless attempts
+LONG_S = 60.0  # of processor time: beyond it projections, which end sooner, are made unless asked otherwise
+CHARTS_PER_PIECE = 3  # that curved surfaces fall into, at least about
 POLL_S = 0.05
 WAITING = 5  # times its own time that it may take on the clock
 EXTENT = 1000.0  # xatlas has absolute tolerances; it gets every mesh in this size
 
 
 def patience(mesh: Mesh) -> float:
-    """Processor time after which xatlas is given up [s]: thrice the usual on two cores, at most 600."""
+    """Processor time after which xatlas is given up [s]: several times the usual, at most 600."""
     return min(6 + 6 * SECONDS_PER_FACE * mesh.faces.shape[0], 600.0)
+
+
+def unwrap_seconds(faces: int) -> float:
+    """Processor time that xatlas usually takes for so many faces [s]."""
+    return SECONDS_PER_FACE * faces
+
+
+def check_room(mesh: Mesh, size: int, padding_texels: int) -> None:
+    """Raises DomainError: when `size` [texels] is too small for the charts that the mesh must fall into."""
+    parts = int(_parts(mesh).max()) + 1
+    charts = max(parts, CHARTS_PER_PIECE * (mesh.faces.shape[0] // PIECE))
+    least = math.sqrt(parts) if parts == charts else math.sqrt(charts / FILL) * 3
+    if size < least:
+        enough = math.sqrt(charts / FILL) * (2 * padding_texels + 3)
+        raise DomainError(
+            f"Atlas: {size} × {size} texels cannot hold {mesh.name}, which has {charts:,} charts or more; "
+            f"raise atlas.size (--size) to {16 * math.ceil(enough / 16):,} or above."
+        )
+
+
+def _parts(mesh: Mesh) -> Int[Tensor, " F"]:
+    """The connected part of every face, by shared vertices."""
+    edges = torch.cat([mesh.faces[:, :2], mesh.faces[:, 1:]])
+    return components(mesh.vertices.shape[0], edges)[mesh.faces[:, 0]].unique(return_inverse=True)[1]
+
+
+def _places(mesh: Mesh, part: Int[Tensor, " F"]) -> Float[Tensor, "F 3"]:
+    """Where each face is for cutting the mesh into pieces: small parts lie in one place as a whole."""
+    centre = mesh.corners.detach().mean(1).double().cpu()
+    count = torch.bincount(part).double()
+    mean = torch.zeros(len(count), 3, dtype=centre.dtype).index_add(0, part, centre) / count[:, None]
+    return torch.where((count <= PIECE)[part][:, None], mean[part], centre)
 
 
 def xatlas_uv(
@@ -34,28 +71,33 @@ def xatlas_uv(
     timeout_s: float,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
-) -> tuple[Float[Tensor, "F 3 2"] | None, str]:
-    """uv of an unwrap by xatlas, or None and why there is none.
+) -> tuple[Float[Tensor, "F 3 2"] | None, float, str]:
+    """uv of an unwrap by xatlas and its padding at `size` [texels], or None and why there is none.
 
+    Charts get less padding than asked for where there are so many that it would fill the square.
     The child is ended when `timeout_s` passes or `cancel` says so. Raises Cancelled: on request.
     """
-    expected = SECONDS_PER_FACE * mesh.faces.shape[0]
+    expected = unwrap_seconds(mesh.faces.shape[0])
     if expected > timeout_s:
         count = mesh.faces.shape[0]
-        return None, f"xatlas would take about {expected:.0f} s for {count:,} faces, above {timeout_s:g} s"
-    edges = torch.cat([mesh.faces[:, :2], mesh.faces[:, 1:]])
-    joined = components(mesh.vertices.shape[0], edges)[mesh.faces[:, 0]]
-    parts = len(joined.unique())
-    if parts * (padding_texels + 1) ** 2 > size**2:
-        return None, f"{parts:,} separate parts cannot stand {padding_texels} texels apart in {size} × {size}"
+        return (
+            None,
+            0.0,
+            f"xatlas would take about {expected:.0f} s for {count:,} faces, above {timeout_s:g} s",
+        )
+    part = _parts(mesh).cpu()
+    parts = int(part.max()) + 1
+    if parts / FILL * 9 > size**2:
+        return None, 0.0, f"{parts:,} separate parts leave no room between them in {size} × {size}"
     with tempfile.TemporaryDirectory(prefix="texsss-") as folder:
-        source, target = Path(folder, "mesh.npz"), Path(folder, "uv.npy")
+        source, target = Path(folder, "mesh.npz"), Path(folder, "uv.npz")
         vertices = mesh.vertices.detach().cpu().double()
         vertices = (vertices - vertices.amin(0)) * (EXTENT / float(mesh.extent.max()))
         np.savez(
             source,
             vertices=vertices.float().numpy(),
             faces=mesh.faces.cpu().numpy().astype(np.uint32),
+            place=_places(mesh, part).numpy(),
             size=size,
             padding=padding_texels,
         )
@@ -71,10 +113,11 @@ def xatlas_uv(
             child.kill()
             child.wait()
         if why:
-            return None, why
+            return None, 0.0, why
         if not target.is_file():
-            return None, f"xatlas ended with code {child.returncode}"
-        return torch.from_numpy(np.load(target)).to(mesh.vertices), ""
+            return None, 0.0, f"xatlas ended with code {child.returncode}"
+        with np.load(target) as made:
+            return torch.from_numpy(made["uv"]).to(mesh.vertices), float(made["padding"]), ""
 
 
 def _cpu_seconds(process: int) -> float | None:

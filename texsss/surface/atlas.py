@@ -8,7 +8,7 @@ import torch
 from texsss.errors import DomainError
 from texsss.surface._fallback import projected_uv
 from texsss.surface._scanline import doubled_area, spans
-from texsss.surface._unwrap import patience, xatlas_uv
+from texsss.surface._unwrap import LONG_S, check_room, patience, xatlas_uv
 from texsss.surface.mesh import Mesh
 from texsss.surface.raster import check_size, contested_area, snapped
 from texsss.surface.topology import charts
@@ -82,11 +82,12 @@ def make_atlas(
 
     `auto`: the author's coordinates if they lie in the square, at most 0.1 % of the surface overlaps or is
     flat (mirrored charts serve), and at most 1 % lies in charts smaller than a texel; else `xatlas`, in a
-    process of its own for at most `timeout_s` [s] (None: thrice what is usual for so many faces),
-    charts at least `padding_texels` apart at `size` (H, W)
-    [texels]; and should that fail, or be bound to take longer, the `fallback`: projections along the axes,
-    which always end. `source` insists on the author's.
-    Same input, same atlas. Raises DomainError: when `source` cannot serve at all. Cancelled: on request.
+    process of its own, charts `padding_texels` apart at `size` (H, W) [texels] where they have room; and
+    should that fail, or be bound to take longer than a minute, the `fallback`: projections along the axes,
+    which always end. `source` insists on the author's, `xatlas` on several times as long. `timeout_s`:
+    processor time that xatlas gets at most [s].
+    Same input, same atlas. Raises DomainError: when `source` cannot serve at all, or the size is too small
+    for the mesh. Cancelled: on request.
     """
     shape = (size, size) if isinstance(size, int) else size
     check_size(shape)
@@ -100,27 +101,29 @@ def make_atlas(
         messages.append(found)
     check_cancelled(cancel)
     side = min(shape)
+    check_room(mesh, side, padding_texels)
     if uv != "fallback":
-        texture, why = xatlas_uv(
-            mesh,
-            side,
-            padding_texels,
-            timeout_s=patience(mesh) if timeout_s is None else float(timeout_s),
-            progress=progress,
-            cancel=cancel,
+        limit = (patience(mesh) if uv == "xatlas" else LONG_S) if timeout_s is None else float(timeout_s)
+        texture, padding, why = xatlas_uv(
+            mesh, side, padding_texels, timeout_s=limit, progress=progress, cancel=cancel
         )
         if texture is not None:
-            atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", float(padding_texels), messages)
+            said = [*messages, *_crowded(padding, padding_texels)]
+            atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", padding, said)
             if atlas.report.serves or uv == "xatlas":
                 return atlas
             why = f"xatlas' unwrap does not serve: {atlas.report.fault}"
         messages.append(f"{why}, so the faces were projected along the axes instead")
     texture, padding = projected_uv(mesh, side, padding_texels, progress=progress, cancel=cancel)
-    if padding < padding_texels:
-        messages.append(
-            f"the charts are only {padding:.1f} texels apart, not {padding_texels}: take a larger atlas"
-        )
+    messages += _crowded(padding, padding_texels)
     return _atlas(mesh, texture, shape, "fallback", padding, messages)
+
+
+def _crowded(padding: float, asked: int) -> list[str]:
+    """What to say of charts that got less padding [texels] than asked for."""
+    if padding >= asked:
+        return []
+    return [f"the charts are only {padding:.3g} texels apart, not {asked}: take a larger atlas"]
 
 
 def examine_uv(
