@@ -1,14 +1,17 @@
-"""Seconds for the weights of every texel of a layered material, by model, beside the published method.
+"""Seconds and memory for the weights of every texel of a layered material, beside the published method.
 
-    python benchmarks/bench_weights.py [--texels 1048576]
+    python -m benchmarks weights [--texels 1048576]
 
-Two layers, every coefficient and thickness varying, 3 channels, 8 terms, 16 frequencies. Mayorga's grid is
-timed on one sample at a time and on a batch; the paper gives .004 s per sample for it and .118 s for FFTs.
+Two layers, every coefficient and thickness varying, 3 channels, 8 terms, 16 frequencies; peak memory beyond
+the result in a process of its own. Mayorga's grid is timed on one sample at a time and on a batch, his
+route by FFTs on one; the paper gives .004 s and .118 s per sample for them, on the machine of 2008.
 """
 
 import argparse
 import math
 import resource
+import subprocess
+import sys
 import time
 
 import torch
@@ -16,9 +19,14 @@ import torch
 from texsss.media.medium import mix
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, LayerTable, Stack
+from texsss.profiles.fft_route import fft_combined
 from texsss.profiles.grid import grid_gaussians
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
+
+TERMS = 8
+PAPER = {"grid": (0.004, 160), "FFT": (0.118, 5000)}  # seconds per sample, and for 40,000
+GRID_MM, GRID_POINTS = 0.125, 256  # of the FFTs: a quarter of the shortest mean free path, 32 mm wide
 
 
 def varied(rows: int, channels: int = 3) -> LayerTable:
@@ -33,6 +41,14 @@ def varied(rows: int, channels: int = 3) -> LayerTable:
     return LayerTable(spread(0.001, 0.5), spread(0.5, 3.0), g, thickness, (1.4, 1.4), True)
 
 
+def painted(side: int) -> Stack:
+    """Two media mixed by an 8-bit mask, of 8-bit thickness: nearly every pair of values occurs."""
+    generator = torch.Generator().manual_seed(1)
+    depth = torch.randint(0, 256, (side, side), generator=generator) / 255
+    mask = torch.linspace(0, 255, side).round().div(255).expand(side, side).contiguous()
+    return Stack([Layer(mix(preset("skin1"), preset("skin2"), mask), depth * 2), Layer(preset("skin1"))])
+
+
 def best(work, repeats: int) -> float:
     times = []
     for _ in range(repeats):
@@ -42,47 +58,67 @@ def best(work, repeats: int) -> float:
     return min(times)
 
 
+def weigh(model: str, compiled: bool, texels: int) -> None:
+    """Prints by how much the process grew beyond the result [MB]."""
+    ladder = variance_ladder(0.4, 400.0, TERMS)
+    table = varied(texels)
+    weights_for(varied(8), ladder, model=model, compiled=compiled)  # what is loaded once
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    weights = weights_for(table, ladder, model=model, compiled=compiled)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    print(grown / 1024 - (weights.table.nbytes + weights.row.nbytes) / 2**20)
+
+
+def peak_beyond(model: str, compiled: bool, texels: int) -> float:
+    """Peak memory beyond the result [MB], in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.bench_weights", "--texels", str(texels), "--weigh", model]
+    made = subprocess.run(
+        [*command, *(["--compiled"] if compiled else [])], capture_output=True, text=True, check=True
+    )
+    return float(made.stdout)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--texels", type=int, default=2**20)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--weigh", help="model whose memory is measured, and nothing else")
+    parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
-    ladder = variance_ladder(0.4, 400.0, 8)
+    if asked.weigh:
+        weigh(asked.weigh, asked.compiled, asked.texels)
+        return
+    ladder = variance_ladder(0.4, 400.0, TERMS)
     table = varied(asked.texels)
     print(f"{asked.texels} texels, {torch.get_num_threads()} threads, best of {asked.repeats}")
     per_texel = {}
     for model in ("layered-diffusion", "layered-sp3"):
         for compiled in (False, True):
+            options = {"model": model, "compiled": compiled}
             if compiled:
-                weights_for(table.rows(slice(0, 8192)), ladder, model=model, compiled=True)
-            seconds = best(
-                lambda model=model, compiled=compiled: weights_for(
-                    table, ladder, model=model, compiled=compiled
-                ),
-                asked.repeats,
-            )
+                weights_for(table.rows(slice(0, 8192)), ladder, **options)
+            seconds = best(lambda options=options: weights_for(table, ladder, **options), asked.repeats)
             per_texel.setdefault(model, seconds / asked.texels)
             how = "compiled" if compiled else "eager"
-            value = seconds / asked.texels * 1e9 / 48
-            print(f"{model:18s} {how:16s} {seconds:8.2f} s  {value:7.1f} ns per value", flush=True)
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB of the process")
-    side = int(asked.texels**0.5)
-    generator = torch.Generator().manual_seed(1)
-    mask, depth = (torch.randint(0, 256, (side, side), generator=generator) / 255 for _ in range(2))
-    # 8-bit maps as they are painted: smooth, so that few pairs of values meet
-    mask = torch.linspace(0, 1, side).mul(255).round().div(255).expand(side, side) * 1.0
-    stack = Stack([Layer(mix(preset("skin1"), preset("skin2"), mask), depth * 2), Layer(preset("skin1"))])
-    seconds = best(lambda: weights_for(stack, ladder), 1)
+            beyond = peak_beyond(model, compiled, asked.texels)
+            print(f"{model:18s} {how:16s} {seconds:8.2f} s  {beyond:5.0f} MB beyond the result", flush=True)
+    stack = painted(int(asked.texels**0.5))
+    seconds = best(lambda: weights_for(stack, ladder), asked.repeats)
     rows = len(weights_for(stack, ladder, model="layered-diffusion").table)
-    print(f"layered-sp3        8-bit maps       {seconds:8.2f} s  {rows} distinct rows")
+    print(f"layered-sp3        8-bit maps       {seconds:8.2f} s  {rows} distinct rows", flush=True)
     one, many = varied(1), varied(256)
-    seconds = best(lambda: grid_gaussians(one), asked.repeats)
-    ratio = seconds / per_texel["layered-diffusion"]
-    print(f"Mayorga's grid     one at a time    {seconds:8.4f} s per texel, {ratio:.0f} x layered-diffusion")
-    seconds = best(lambda: grid_gaussians(many), 1) / 256
-    ratio = seconds / per_texel["layered-diffusion"]
-    print(f"Mayorga's grid     batch of 256     {seconds:8.5f} s per texel, {ratio:.0f} x layered-diffusion")
-    print("the paper          grid .004 s, FFT .118 s per sample; 160 s and 5000 s for 40,000")
+    routes = {
+        "grid, one at a time": best(lambda: grid_gaussians(one), 3),
+        "grid, batch of 256": best(lambda: grid_gaussians(many), 1) / 256,
+        "FFT, one at a time": best(lambda: fft_combined(one, GRID_MM, GRID_POINTS), 3),
+    }
+    for name, seconds in routes.items():
+        ratios = ", ".join(f"{seconds / x:.0f} x {model}" for model, x in per_texel.items())
+        print(
+            f"Mayorga's {name:20s} {seconds:8.5f} s per texel, {seconds * 40_000:5.0f} s for 40,000: {ratios}"
+        )
+    for name, (seconds, total) in PAPER.items():
+        print(f"the paper's {name:18s} {seconds:8.3f} s per sample,{total:6d} s for 40,000")
 
 
 if __name__ == "__main__":

@@ -77,6 +77,18 @@ def scenes() -> dict[str, dict]:
         return {"map": name, "range": [low, high]}
 
     return {
+        "white-marble": {
+            "summary": "White marble all through; methods.diffusion none shows it without",
+            "maps": [],
+            "media": {},
+            "layers": [{"medium": "marble"}],
+        },
+        "green-marble": {
+            "summary": "Green marble all through: texsss profile green-marble.json draws its profile",
+            "maps": [],
+            "media": {"jade": jade},
+            "layers": [{"medium": "jade"}],
+        },
         "two-tone-marble": {
             "summary": "Green and red stone beneath .78 mm of white marble",
             "maps": ["tones"],

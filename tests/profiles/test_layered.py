@@ -180,13 +180,15 @@ def test_gradients_stay_finite_where_nothing_is_absorbed():
 @pytest.mark.parametrize("scattering", ["single", "multiple"])
 @pytest.mark.parametrize("phase", ["henyey-greenstein", "schlick"])
 def test_phase_functions_shift_light_between_orders(scattering, phase):
-    """R1 and the rest add up to R, whose energy no phase function changes; g = 0 is isotropic."""
+    """R1 and the rest add up to R, which no phase function changes without absorption; g = 0 is isotropic."""
     medium = Medium(0.05, 4.0, 0.8, 1.4)
     total, _ = hankel_profiles(medium, S, phase=phase)
     parts = [hankel_profiles(medium, S, scattering=x, phase=phase)[0] for x in ("single", "multiple")]
     torch.testing.assert_close(sum(parts), total)
     reduced, _ = hankel_profiles(Medium(0.05, 0.8, 0.0, 1.4), S)
-    torch.testing.assert_close(total[0], reduced[0])
+    assert 0.9 * float(reduced[0]) < float(total[0]) < float(reduced[0]), "turned back later, if at all"
+    white = [hankel_profiles(Medium(0.0, *x, 1.4), S, phase=phase)[0][0] for x in ((4.0, 0.8), (0.8, 0.0))]
+    torch.testing.assert_close(*white)
     assert float(parts[0][0]) < 0.3 * float(total[0])
     round_ = Medium(0.05, 4.0, 0.0, 1.4)
     for side in zip(

@@ -16,12 +16,13 @@ from texsss.numerics.compiled import constant
 from texsss.profiles import single
 from texsss.profiles.blocks import Solver, solved
 from texsss.profiles.single import Node, scattered_once
-from texsss.profiles.slab import Directions, added, ballistic, from_side, light_in
+from texsss.profiles.slab import TINY, Directions, added, ballistic, from_side, light_in
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
 from texsss.profiles.two_modes import two_modes
 from texsss.types import Float, Tensor
 
+DETOUR = 2.0  # fits what half-spaces and slabs of g = .8 return: 1.5 to 3 would
 FEW = 1e-6  # multiply scattered light [of what entered] below which its normalisation fades out
 
 
@@ -47,7 +48,8 @@ def profile(
 
     `scattering`: total, single or multiple. In reflectance single scattering follows `phase`, and the
     multiple part, whose similarity is σs' = σs (1 - g), isotropic, takes up what the reduced and
-    isotropic single scattering counts beyond it, spread like itself. Transmittance keeps to the reduced
+    isotropic single scattering counts beyond it, less what is absorbed before it turns back, spread like
+    itself. Transmittance keeps to the reduced
     coefficients, in which light that is hardly deflected is part of the beam; of it only `single`
     knows `phase`. Differentiable in `table` and `s`.
     """
@@ -73,7 +75,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if unreduced is not None:
         zero = factor.new_zeros(1, 1)
         whole = factor * _swept(sweeps, weights, zero)
-        handed = scattered_once(reduced, zero) - scattered_once(once, zero)
+        handed = _survival(layers, lights) * (scattered_once(reduced, zero) - scattered_once(once, zero))
         # backward scattering can ask for more than there is
         factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
     return Prepared(() if scattering == "multiple" else once, sweeps, tuple(factor * w for w in weights))
@@ -86,6 +88,24 @@ def spectrum(prepared, s):
     s2 = s * s
     terms += [share * scattered_twice(sweep, s, s2) for share, sweep in zip(prepared.share, prepared.sweeps)]
     return added(terms)
+
+
+@no_type_check
+def _survival(layers, lights):
+    """Share that is left of light bound outwards in the reduced medium, and inwards in truth, (1, N).
+
+    Before it comes back it goes DETOUR transport mean free paths of the layer where it first scatters.
+    """
+    left, whole = 0.0, TINY
+    for k, (layer, beams) in enumerate(zip(layers, lights)):
+        for i, light in enumerate(beams):
+            onwards = lights[k + 1][i].down if k + 1 < len(layers) else 0.0
+            if k + 1 == len(layers) and light.beam is not None:
+                onwards = light.down * light.beam
+            scattered = light.share * (light.down - onwards)
+            left = left + scattered * torch.exp(-DETOUR * layer.sigma_a / layer.sigma)
+            whole = whole + scattered
+    return left / whole
 
 
 @no_type_check

@@ -9,13 +9,10 @@ from texsss.numerics.threads import in_threads
 from texsss.profiles.hankel import Material, as_table, flat_profile
 from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
+from texsss.profiles.rows import distinct
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 LEVELS = 256  # an 8-bit map keeps its values
-TABLE = 8  # texels per row, from which rows are few enough as they are
-MAPS = 2  # that vary independently, at most, for rounding to make a table of them
-ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
-SAMPLE = 2**14  # rows that are looked at before all are compared
 CHUNK = 16_384  # rows solved at once
 WORKSPACE = 2**22  # [numbers] set aside before
 
@@ -88,7 +85,7 @@ def weights_for(
     else:
         table = as_table(material)
     table = table.to(dtype).expand(channels)
-    table, row = _distinct(table, points, None if table.requires_grad else levels)
+    table, row = distinct(table, points, None if table.requires_grad else levels)
     table = replace(table, known_isotropic=table.isotropic)
 
     s, ds = frequencies(variances, nodes)
@@ -129,80 +126,3 @@ def weights_for(
     else:
         in_threads(fill, parts)
     return Weights(variances.to(table.sigma_a), weights, row)
-
-
-def _distinct(
-    table: LayerTable, points: int | None, levels: int | None
-) -> tuple[LayerTable, Int[Tensor, " P"]]:
-    """The distinct rows of a table, batch (U,), and which of them every texel has."""
-    device = table.sigma_a.device
-    if not table.batch:
-        return table.of([x[None] for x in table.fields]), torch.zeros(
-            points or 1, dtype=torch.int32, device=device
-        )
-    table = table.of([x.reshape(-1, *x.shape[-2:]) for x in table.fields])
-    count = table.batch[0]
-    if table.requires_grad:  # a shared row would pass its gradient to one texel only
-        return table, torch.arange(count, dtype=torch.int32, device=device)
-    if count > SAMPLE * TABLE and _all_differ(table.rows(slice(None, None, count // SAMPLE)), levels):
-        return table, torch.arange(count, dtype=torch.int32, device=device)
-    flat = torch.cat([x.reshape(count, -1) for x in table.fields], 1)
-    columns = (flat != flat[:1]).any(0)
-    varying = flat[:, columns]
-    if varying.shape[1] == 0:
-        return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
-    first, row = _unique_rows(_keys(varying))
-    if levels is not None and len(first) > count / TABLE and _independent(varying) <= MAPS:
-        low, high = varying.aminmax(dim=0)
-        step = (high - low) / (levels - 1)
-        varying = low + torch.round((varying - low) / step) * step
-        first, row = _unique_rows(varying)
-    flat = flat[first]
-    flat[:, columns] = varying[first]
-    fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
-    return table.of(fields), row.to(torch.int32)
-
-
-def _all_differ(few: LayerTable, levels: int | None) -> bool:
-    """Whether some rows of a table show that hardly any two are alike, nor would be after rounding."""
-    flat = torch.cat([x.reshape(few.batch[0], -1) for x in few.fields], 1)
-    varying = flat[:, (flat != flat[:1]).any(0)]
-    if varying.shape[1] == 0 or (levels is not None and _independent(varying) <= MAPS):
-        return False
-    return len(_unique_rows(_keys(varying))[0]) == len(varying)
-
-
-def _keys(varying: Float[Tensor, "P F"]) -> Float[Tensor, "P F"]:
-    """Columns in steps of their range: look-ups round what is equal in a map, by some 1e-6 of it."""
-    low, high = varying.aminmax(dim=0)
-    return torch.round((varying - low) * (ALIKE / (high - low)))
-
-
-def _independent(varying: Float[Tensor, "P F"]) -> int:
-    """How many columns differ by more than scale and offset, judged by a few hundred rows."""
-    low, high = varying.aminmax(dim=0)
-    some = (varying[:: max(len(varying) // 256, 1)] - low) / (high - low)
-    some = torch.where(some[:1] > 0.5, 1 - some, some)  # a map and its inverse are one
-    count = 0
-    while some.shape[1]:
-        count += 1
-        some = some[:, ((some - some[:, :1]).abs() > 1e-3).any(0)]
-    return count
-
-
-def _unique_rows(rows: Float[Tensor, "P F"]) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]]:
-    """Index of the first of each set of equal rows, and the set of each row."""
-    generator = torch.Generator().manual_seed(0)
-    odd = torch.randint(-(2**62), 2**62, (rows.shape[1],), generator=generator).to(rows.device) * 2 + 1
-    bits = rows.contiguous().view(torch.int64 if rows.dtype == torch.float64 else torch.int32).long()
-    # multiply-and-shift hash: sorting one integer per row is far cheaper than sorting rows
-    mixed = bits * odd
-    _, row = torch.unique((mixed ^ (mixed >> 29)).sum(1), return_inverse=True)
-    count = int(row.max()) + 1
-    first = torch.full((count,), rows.shape[0], device=rows.device)
-    first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
-    if not torch.equal(rows[first][row], rows):  # two rows shared a hash: do it the slow way
-        _, row = torch.unique(rows, dim=0, return_inverse=True)
-        first = torch.full((int(row.max()) + 1,), rows.shape[0], device=rows.device)
-        first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
-    return first, row
