@@ -82,13 +82,14 @@ def test_the_geometric_mean_is_reciprocal():
     torch.testing.assert_close(left, right, rtol=1e-3, atol=0)  # measured 2e-5
 
 
-def test_weights_carry_gradients_under_every_rule():
+@pytest.mark.parametrize("method", ["uv", "surface"])
+def test_weights_carry_gradients_under_every_rule(method: str):
     bank, _, weights = halves()
     for rule in ("exit", "entry", "geometric-mean"):
         table = weights.table.clone().requires_grad_()
-        exitance(
-            bank, Weights(LADDER, table, weights.row), rule, blur=diffusion(square(64, 60.0))
-        ).sum().backward()
+        blur = diffusion(square(64, 60.0), method)
+        exitance(bank, Weights(LADDER, table, weights.row), rule, blur=blur).sum().backward()
+        assert table.grad is not None
         assert torch.isfinite(table.grad).all()
         assert (table.grad != 0).any()
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from march_shapes import SUN, UNIT, centre, fish, hills, scattered_points, square, steps, veins
 from march_twin import Layered, Site, march_one
 from reference.transport import read_transport
 
@@ -22,64 +23,6 @@ from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import fit_planes
 from texsss.transport.march.setup import Surface
 from texsss.types import unit
-
-SUN = (-0.3, 0.8, 0.6)
-UNIT = (1.0, 1.0, 1.0)
-
-
-def fish(eta: float = 1.0) -> list[Medium]:
-    return [
-        Medium([0.6, 0.6, 0.6], [2.0, 1.0, 1.0], 0.25, eta),
-        Medium([0.6, 0.6, 0.6], [6.0, 3.0, 2.0], 0.40, eta),
-        Medium([0.5, 0.5, 0.5], [1.0, 1.0, 2.0], 0.80, eta),
-    ]
-
-
-def square(dtype=torch.float32, edge: float = 100.0) -> Mesh:
-    """A horizontal square, seen from above."""
-    corners = torch.tensor([[-0.5, 0, 0.5], [0.5, 0, 0.5], [0.5, 0, -0.5], [-0.5, 0, -0.5]], dtype=dtype)
-    uv = torch.tensor([[0.0, 1], [1, 1], [1, 0], [0, 0]], dtype=dtype)
-    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
-    return Mesh(corners * edge, faces, uv[faces])
-
-
-def hills(dtype=torch.float64, count: int = 24, edge: float = 12.0, height: float = 0.4) -> Mesh:
-    """A wavy sheet, edge × edge mm."""
-    s = torch.linspace(0, 1, count, dtype=dtype)
-    v, u = torch.meshgrid(s, s, indexing="ij")
-    y = height * torch.sin(9 * u) * torch.cos(7 * v)
-    vertices = torch.stack([(u - 0.5) * edge, y, (v - 0.5) * edge], -1).reshape(-1, 3)
-    i = torch.arange(count * count).reshape(count, count)
-    a, b, c, d = (x.reshape(-1) for x in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
-    faces = torch.cat([torch.stack([a, d, c], 1), torch.stack([a, c, b], 1)])
-    return Mesh(vertices, faces, torch.stack([u, v], -1).reshape(-1, 2)[faces])
-
-
-def veins(size: int = 64, dtype=torch.float64) -> torch.Tensor:
-    """Three boundaries, periodic [mm]."""
-    s = 2 * math.pi * (torch.arange(size, dtype=dtype) + 0.5) / size
-    v, u = torch.meshgrid(s, s, indexing="ij")
-    ridge = torch.exp(-8 * (torch.sin(2 * u + torch.sin(v)) ** 2))
-    return torch.stack([0.2 + 0 * u, 0.3 + 0.5 * ridge, 1.8 - 0.3 * torch.cos(3 * v)], -1)
-
-
-def steps(size: int = 64, dtype=torch.float64) -> torch.Tensor:
-    """Three boundaries with sudden steps [mm]."""
-    checks = (torch.arange(size)[:, None] // 8 + torch.arange(size)[None] // 8).remainder(2).to(dtype)
-    return torch.stack([0.2 + 0.1 * checks, 0.5 + 0.6 * checks, 1.8 + 0 * checks], -1)
-
-
-def scattered_points(mesh: Mesh, count: int, seed: int) -> Points:
-    generator = torch.Generator().manual_seed(seed)
-    face = torch.randint(mesh.faces.shape[0], (count,), generator=generator)
-    corner = torch.rand(count, 2, generator=generator, dtype=torch.float64)
-    root = corner[:, 0].sqrt()
-    bary = torch.stack([1 - root, root * (1 - corner[:, 1]), root * corner[:, 1]], -1)
-    return Points(face, bary)
-
-
-def centre(count: int, dtype=torch.float32) -> Points:
-    return Points(torch.zeros(count, dtype=torch.long), torch.full((count, 3), 1 / 3, dtype=dtype))
 
 
 def closed_form(media, thickness, view_cos, light_cos, straight) -> torch.Tensor:
@@ -330,41 +273,6 @@ def test_noise_is_seeded_bounded_and_sticks_to_the_surface():
     painted = Noise(uv=0.01, start=1.0, texture=cloud)
     assert torch.equal(shot(painted, 3), shot(painted, 4))
     assert bool(torch.isfinite(jittered).all())
-
-
-@pytest.mark.parametrize("method", ["exact", "uniform"])
-def test_gradients_reach_depths_and_coefficients(method):
-    mesh = hills(count=8)
-    points = scattered_points(mesh, 4, seed=8)
-    planes = fit_planes(mesh, 2.0)
-    lights = [PointLight([2.0, 6.0, -3.0], [1e-4] * 3)]
-    eye = torch.tensor([4.0, 30.0, 12.0])
-
-    def radiance(depth, sigma_s, sigma_a, g):
-        media = [Medium(sigma_a[i], sigma_s[i], g[i]) for i in range(2)]
-        # a fixed layer below sets the reach and the knots, which gradients do not see
-        media.append(Medium([0.1] * 3, [0.2] * 3, 0.1))
-        depth = torch.cat([depth, torch.full_like(depth[..., :1], 3.2)], -1)
-        return march(points, mesh, planes, from_depths(depth, media), lights, eye, method=method, samples=3)
-
-    generator = torch.Generator().manual_seed(0)
-    depth = torch.rand(4, 4, 2, generator=generator, dtype=torch.float64).cumsum(-1) + 0.2
-    sigma_s, sigma_a, g = (
-        torch.tensor([[1.0, 0.7, 0.5], [2.0, 1.2, 0.8]]),
-        torch.tensor([[0.6, 0.5, 0.4], [0.4, 0.3, 0.2]]),
-        torch.tensor([[0.3], [0.6]]),
-    )
-    sigma_s, sigma_a, g = (x.double().requires_grad_() for x in (sigma_s, sigma_a, g))
-    inputs = (torch.zeros_like(depth).requires_grad_(), sigma_s, sigma_a, g)
-    if method == "exact":
-        assert torch.autograd.gradcheck(
-            lambda z, *r: radiance(depth + z, *r), inputs, eps=1e-7, atol=1e-5, rtol=1e-3
-        )
-    else:
-        # samples jump from layer to layer: depth has no gradient through which layer they fall in
-        assert torch.autograd.gradcheck(
-            lambda *r: radiance(depth, *r), inputs[1:], eps=1e-7, atol=1e-5, rtol=1e-3
-        )
 
 
 def test_texels_and_hits_are_the_same_to_it():

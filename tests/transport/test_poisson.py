@@ -72,3 +72,14 @@ def test_bad_input_is_answered_and_it_can_be_stopped():
             diffuse_poisson(values, texels, torch.tensor([bad]))
     with pytest.raises(Cancelled):
         diffuse_poisson(values, texels, wide, cancel=lambda: True)
+
+
+@pytest.mark.parametrize("reduction", [1, 3, 5, 7])
+def test_the_reduced_image_lies_where_the_whole_one_does(reduction: int):
+    """Light that rises along u and v comes back as it was, away from the borders: nothing is shifted."""
+    texels = square(64, 64.0)
+    place = texels.points.position(texels.mesh)[:, :2]
+    rising = place - place.amin(0)
+    found = diffuse_poisson(rising, texels, torch.tensor([1e-4]), passes=1, reduction=reduction)[0]
+    inside = ((rising > 12) & (rising < 52)).all(1)
+    torch.testing.assert_close(found[inside], rising[inside], rtol=0, atol=0.05)

@@ -42,7 +42,8 @@ def over_transposed(levels: tuple[Level, ...], x: Float[Tensor, "P D"]) -> Float
     held = []
     for level in levels:
         own, x = level.down.times(x).tensor_split([channels * len(level.blurs)], 1)
-        held.append([b.times(part) for b, part in zip(level.blurs, own.split(channels, 1), strict=True)])
+        parts = own.split(channels, 1) if level.blurs else ()
+        held.append([b.times(part) for b, part in zip(level.blurs, parts, strict=True)])
     back: list[Tensor] = []
     for level, own in reversed(list(zip(levels, held, strict=True))):
         back = [level.up.times(torch.stack([*own, *back]).sum(0))]

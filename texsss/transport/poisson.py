@@ -3,7 +3,7 @@
 import math
 
 import torch
-from torch.nn.functional import avg_pool2d, grid_sample, interpolate
+from torch.nn.functional import avg_pool2d, grid_sample, interpolate, pad
 
 from texsss.errors import DomainError
 from texsss.surface.metric import texel_mm_per_axis
@@ -81,7 +81,7 @@ def diffuse_poisson(
             blurred = _pass(blurred, cover, per_mm, step)
             if progress is not None:
                 progress("poisson", (k * passes + number + 1) / (len(variances) * passes))
-        copies.append(_enlarged(blurred, cover, texels) if variance > 0 else values)
+        copies.append(_enlarged(blurred, cover, texels, reduction) if variance > 0 else values)
     return torch.stack(copies)
 
 
@@ -109,17 +109,19 @@ def _pass(
 
 
 def _reduced(image: Float[Tensor, "H W D"], reduction: int) -> Float[Tensor, "D h w"]:
-    """The image, channels first, averaged over squares of `reduction` texels."""
-    planes = image.permute(2, 0, 1)[None]
-    return avg_pool2d(planes, min(reduction, *image.shape[:2]), ceil_mode=True, count_include_pad=False)[0]
+    """The image, channels first, averaged over squares of `reduction` texels, empty beyond its edges."""
+    height, width = image.shape[:2]
+    planes = pad(image.permute(2, 0, 1), (0, -width % reduction, 0, -height % reduction))
+    return avg_pool2d(planes, reduction)
 
 
 def _enlarged(
-    light: Float[Tensor, "C h w"], cover: Float[Tensor, "1 h w"], texels: TexelMaps
+    light: Float[Tensor, "C h w"], cover: Float[Tensor, "1 h w"], texels: TexelMaps, reduction: int
 ) -> Float[Tensor, "P C"]:
     """The reduced image at the texels, bilinearly between those with a surface."""
     weighted = torch.cat([light * cover, cover])[None]
-    large = interpolate(weighted, texels.size, mode="bilinear", align_corners=False)[0]
+    large = interpolate(weighted, scale_factor=float(reduction), mode="bilinear", align_corners=False)[0]
+    large = large[:, : texels.size[0], : texels.size[1]]
     near = texels.from_image(large.permute(1, 2, 0))  # every texel's own square has some cover
     return near[:, :-1] / near[:, -1:]
 

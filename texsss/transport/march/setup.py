@@ -224,9 +224,10 @@ def refracted(
     cosine = facing.clamp_min(0)
     within = torch.sqrt(1 - (1 - cosine * cosine) / eta**2)
     # light from below the horizon does not enter; it is bent as if from the horizon
+    below = (facing < 0)[:, None]
     flat = direction - normal * facing[:, None]
-    sine = torch.sqrt((1 - within * within).clamp_min(0))
-    return unit(flat) * sine[:, None] + normal * within[:, None]
+    along = torch.where(below, unit(torch.where(below, flat, direction)), flat)
+    return along / eta + normal * within[:, None]
 
 
 def dot(a: Float[Tensor, "P 3"], b: Float[Tensor, "P 3"]) -> Float[Tensor, " P"]:
