@@ -55,9 +55,9 @@ def test_gradients_reach_vertices_and_lights_along_the_normal(eta, sun, eye):
     """Where light or view does not bend, the bend has a derivative all the same."""
     flat = square(torch.float64, 10.0)
     points = scattered_points(flat, 3, seed=1)
-    interior = from_depths(
-        torch.full((2, 2, 1), 0.4, dtype=torch.float64), [Medium([0.6] * 3, [2.0] * 3, 0.25, eta)] * 2
-    )
+    planes = fit_planes(flat, 2.0)  # gradients do not see how they were fitted
+    media = [Medium([0.6] * 3, [2.0] * 3, 0.25, eta)] * 2
+    interior = from_depths(torch.full((2, 2, 1), 0.4, dtype=torch.float64), media)
     view = torch.nn.functional.normalize(torch.tensor([eye], dtype=torch.float64)).expand(3, 3)
 
     def radiance(moved, towards):
