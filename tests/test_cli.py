@@ -225,7 +225,7 @@ def test_bad_light_is_told_its_form(texsss, cube, light):
 
 
 def test_profile_draws_and_lists(texsss, tmp_path):
-    done = texsss("profile", "marble", "--plot", "curve.png", "--json")
+    done = texsss("profile", "marble", "--plot", "curve.png", "--against", "multipole", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert all(0 < total < 1 for total in found["total"])

@@ -146,6 +146,9 @@ def map_(
 def profile(
     material: Annotated[str, typer.Argument(help="A preset, or a scene.json whose material is meant.")],
     plot: Annotated[Path | None, typer.Option(help="Write a plot of R(r), .png or .svg.")] = None,
+    against: Annotated[
+        list[str] | None, typer.Option(help="Another model in the plot, such as multipole; may be repeated.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
 ) -> None:
     """Shows how a material scatters: R(r), total, lengths in mm, Gaussians."""
@@ -154,13 +157,19 @@ def profile(
 
     if plot is not None:
         image_name(plot, (".png", ".svg"), "--plot")
-    found = Baker().curve(scene)
+    baker = Baker()
+    found = baker.curve(scene)
+    data = scene.model_dump(mode="json", exclude_none=True)
+    others = [
+        baker.curve(Scene.parse(data | {"methods": data["methods"] | {"profile": model}}))
+        for model in against or ()
+    ]
     if plot is not None:
         from texsss.plot import plot_curve
         from texsss.result import staging
 
         with staging(plot.parent) as temporary:
-            plot_curve(found, temporary / plot.name, title=material)
+            plot_curve(found, temporary / plot.name, title=material, against=others)
     if as_json:
         print(json.dumps(found, indent=2))
         return

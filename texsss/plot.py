@@ -1,14 +1,20 @@
 """A profile drawn: R(r) per channel on a logarithmic axis, with the lengths that matter."""
 
+from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 CHANNELS = (("R", "#d1495b"), ("G", "#3a9d5d"), ("B", "#2f6fb0"))
 
 
-def plot_curve(found: dict, path: Path, *, title: str) -> None:
+STYLES = ("--", ":", "-.")
+
+
+def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] = ()) -> None:
     """Draws the result of `texsss.curve` into a PNG or SVG file.
 
     Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 % of the light has come back.
+    Dots are what photons say, where they were asked; other models (`against`) are thin lines.
     """
     from matplotlib.figure import Figure  # slow to import
 
@@ -22,6 +28,16 @@ def plot_curve(found: dict, path: Path, *, title: str) -> None:
         label = f"{name}: total {found['total'][k]:.3f}, 99 % within {radius:.3g} mm"
         axes.semilogy(found["r_mm"], positive, color=colour, linewidth=2, label=label)
         axes.axvline(radius, ymax=0.04, color=colour, linewidth=2)
+        rings = found["monte_carlo"][k] if k < len(found["monte_carlo"]) else None
+        if rings is not None:
+            axes.plot(rings["r_mm"], rings["reflectance_per_mm2"], "o", color=colour, markersize=3)
+        for other, style in zip(against, cycle(STYLES)):
+            values = [row[k] if row[k] > 0 else float("nan") for row in other["reflectance_per_mm2"]]
+            axes.plot(other["r_mm"], values, style, color=colour, linewidth=1)
+    for other, style in zip(against, cycle(STYLES)):
+        axes.plot([], [], style, color="#444444", linewidth=1, label=other["methods"]["profile"])
+    if any(rings is not None for rings in found["monte_carlo"]):
+        axes.plot([], [], "o", color="#444444", markersize=3, label="Monte Carlo")
     axes.set_title(title, parse_math=False)
     axes.set(xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
     axes.set_xlim(0, max(found["r_mm"]))
