@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from texsss.cli import main
+from texsss.inspection import kernel
 
 FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
 
@@ -237,6 +238,28 @@ def test_inspect_tells_what_to_do(texsss, cube):
     done = texsss("inspect", cube, "--unit-mm", 1000, "--size", 64)
     assert done.returncode == 0, done.stderr
     assert "radius_texels" in done.stdout and "raise the size" in done.stdout
+    assert "too narrow to be seen; raise --size" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "radius, texel, words",
+    [
+        (0.3, 1.0, ["kernel = 0.3 texels", "raise --size to 8192", "0.3 % of head", "state --unit-mm"]),
+        (40.0, 1.0, ["kernel = 40 texels", "nothing to do", "40 % of head", "denser --material"]),
+        (20.0, 0.1, ["kernel = 2e+02 texels", "--size 512 would do", "20 % of head"]),
+        (300.0, 1.0, ["3 times head", "100 mm tall", "check --unit-mm"]),
+    ],
+)
+def test_kernel_in_texels_and_of_the_object(radius, texel, words):
+    said = kernel(radius, texel, 100.0, "head", 1024)
+    assert len(said) == 2 and all(word in " ".join(said) for word in words)
+
+
+def test_inspect_unwraps_anew_on_request(texsss, cube):
+    done = texsss("inspect", cube, "--uv", "fallback", "--unit-mm", 10, "--size", 64, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["atlas"]["origin"] == "fallback" and len(found["kernel"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def inspect(
     for part in ("mesh", "uv", "atlas", "scale"):
         if found[part] is not None:
             show_table(part, found[part])
-    for sentence in found["advice"]:
+    for sentence in [*found["kernel"], *found["advice"]]:
         print(f"- {sentence}")
 
 

@@ -22,7 +22,9 @@ def described(
     up: Annotated[str | None, typer.Option(help="The file's axis that points up: y, z, x, -y, …")] = None,
     v: Annotated[str | None, typer.Option(help="Which way v runs in the file: up or down.")] = None,
     size: Annotated[int | None, typer.Option(help="Edge of the lightmap [texels].")] = None,
-    uv: Annotated[str | None, typer.Option(help="Lightmap coordinates: auto, source or xatlas.")] = None,
+    uv: Annotated[
+        str | None, typer.Option(help="Lightmap coordinates: auto, source, xatlas (unwraps anew), fallback.")
+    ] = None,
     albedo: Annotated[Path | None, typer.Option(help="Colour map (sRGB), laid on by the mesh's uv.")] = None,
     normal: Annotated[Path | None, typer.Option(help="Tangent-space normal map.")] = None,
     normal_y: Annotated[str | None, typer.Option(help="Its green leans +y (OpenGL) or -y (DirectX).")] = None,

@@ -74,11 +74,13 @@ MeshField = Annotated[MeshSpec, BeforeValidator(_as_mesh)]
 class AtlasSpec(Model):
     """The lightmap's texture coordinates: the author's where they qualify (`auto`), or made by xatlas.
 
+    `source` insists on the author's, `xatlas` on an unwrap; `fallback` projects along the axes, quickly.
+
     `raster`: edge of the lightmap that is computed on the same coordinates [texels], for drafts;
     None is `size`.
     """
 
-    uv: Literal["auto", "source", "xatlas"] = "auto"
+    uv: Literal["auto", "source", "xatlas", "fallback"] = "auto"
     size: Annotated[Count, Field(ge=16, le=8192)] = 1024
     padding_texels: Annotated[Count, Field(ge=0, le=64)] = 5
     raster: Annotated[Count, Field(ge=16, le=8192)] | None = None

@@ -55,6 +55,7 @@ def test_numbers_beyond_the_ones_needed_are_left_out():
     [
         ("v 1 2\nf 1 1 1", "line 1 .*expected 3 numbers, got 2"),
         (HEAD + "v 1 2 x\n", "line 10 .*'x'"),
+        (HEAD + "f 1 \\\n2 \\\n3\nf 1 \\\n2\n", "line 13 .*3 corners or more, got 2"),
         (HEAD + "v\nf 1 2 3", "line 10 .*got 0"),
         (HEAD + "f 1 2", "line 10 .*3 corners or more, got 2"),
         (HEAD + "f 1 2 3\n\nf 1 0 3", "line 12 .*start at 1"),

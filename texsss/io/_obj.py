@@ -18,6 +18,7 @@ ABSENT = 1 << 40  # stands for a corner's texture coordinate where none is state
 LARGEST = 1 << 31  # no mesh has more of anything
 NO_DIGITS = str.maketrans("", "", "0123456789")
 COMMENTED_OUT = re.compile(r"(#.*)\\$", re.MULTILINE)  # a backslash that continues nothing
+JOINED = "\v"  # a blank that stands where a line was continued, so that lines can still be counted
 STATEMENT = re.compile(r"^[ \t]*(vt?|f)(?:[ \t]+(.*))?$", re.MULTILINE)
 
 
@@ -28,7 +29,7 @@ def read_obj(data: bytes) -> RawMesh:
     indices lead nowhere, or only some of the faces have texture coordinates.
     """
     text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-    text = COMMENTED_OUT.sub(r"\1", text).replace("\\\n", " ")
+    text = COMMENTED_OUT.sub(r"\1", text.replace(JOINED, " ")).replace("\\\n", f" {JOINED}")
     found = STATEMENT.findall(text)
     vertices, coordinates, faces = (_Statements(text, key, found) for key in ("v", "vt", "f"))
     points = vertices.table(least=3, most=3)
@@ -78,8 +79,9 @@ class _Statements:
         """What is wrong with one of the statements, and on which line it stands."""
         matches = (match for match in STATEMENT.finditer(self.text) if match[1] == self.key)
         match = next(match for k, match in enumerate(matches) if k == number)
-        line = self.text.count("\n", 0, match.start()) + 1
-        return Fault(f"line {line} is not understood ({match[0][:40].strip()!r}: {what})")
+        line = sum(self.text.count(mark, 0, match.start()) for mark in ("\n", JOINED)) + 1
+        said = " ".join(match[0].split())[:40]
+        return Fault(f"line {line} is not understood ({said!r}: {what})")
 
 
 def _corners(faces: _Statements, found: list[tuple[str, str]]) -> tuple[np.ndarray, np.ndarray]:
