@@ -2,7 +2,7 @@
 
 import json
 
-from paging import METHODS, address, pixels, until
+from paging import METHODS, address, pixels, settle, until
 
 
 def test_moving_frames_are_coarser_and_rest_is_whole(visit):
@@ -73,6 +73,23 @@ def test_highlights_stay_out_of_shadows(visit):
     bare = pixels(page)
     assert (shadowed <= bare + 2).all()
     assert (bare - shadowed).max() > 20
+
+
+def test_pictures_beneath_the_surface(visit):
+    """They shift with the view: the service draws them when it rests, and again when their depth changes."""
+    parallax = {"opacity": 0.3, "layers": [{"base": "vessels", "depth_mm": 2.0}]}
+    vessels = {"source": {"builtin": "scenes/vessels.png"}, "space": "srgb"}
+    page = visit(
+        {"methods": METHODS | {"diffusion": "parallax", "parallax": parallax}, "maps": {"vessels": vessels}}
+    )
+    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    before = pixels(page)
+    page.get_by_role("tab", name="Inside").click()
+    settle(page, lambda: page.get_by_label("The surface hides", exact=True).fill("950"))
+    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    assert abs(pixels(page) - before).mean() > 1
+    page.get_by_role("button", name="Remove picture 1").click()
+    page.get_by_text("Nothing lies there yet").wait_for()
 
 
 def test_numbers_of_the_march_are_followed(visit):

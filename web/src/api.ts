@@ -142,7 +142,7 @@ export const api = {
   async profile(scene: object, options?: Options): Promise<Profile> {
     return (await post("/v1/profile", scene, options)).json();
   },
-  async inspect(scene: object, options?: Options): Promise<any> {
+  async inspect(scene: object, options?: Options): Promise<{ advice: string[] }> {
     return (await post("/v1/inspect", scene, options)).json();
   },
   async upload(file: File): Promise<Asset> {

@@ -109,6 +109,7 @@ export class App {
         clearProblems();
         this.drawProfile();
         this.marching.moved();
+        viewer.prepare();
         void this.compare.measure();
       },
       problem: (error) => void this.problem(error),

@@ -5,7 +5,7 @@ import type { Scene, Source } from "./types";
 /** The scene as files of one's own: what was uploaded goes by its file's name. */
 export function portable(scene: Scene, names: Record<string, string>): Scene {
   const copy = structuredClone(scene);
-  const mend = (source: Source): Source => (source.asset ? { path: names[source.asset] ?? `${source.asset.slice(0, 8)}` } : source);
+  const mend = (source: Source): Source => (source.asset ? { path: names[source.asset] ?? source.asset.slice(0, 8) } : source);
   copy.mesh.source = mend(copy.mesh.source);
   for (const map of Object.values(copy.maps)) map.source = mend(map.source);
   return copy;
@@ -16,7 +16,7 @@ export const asJson = (scene: Scene): string => `${JSON.stringify(scene, rounded
 /** A line for a shell that renders the picture. */
 export function asCommand(scene: Scene): string {
   const quoted = JSON.stringify(scene, rounded).replace(/'/g, "'\\''");
-  return `printf '%s' '${quoted.replace(/%/g, "%")}' > scene.json && texsss render scene.json --out picture.png\n`;
+  return `printf '%s' '${quoted}' > scene.json && texsss render scene.json --out picture.png\n`;
 }
 
 /** A program that bakes it. */

@@ -103,10 +103,6 @@ export class Live {
     this.events.badge?.({ state: "stopped", texels: 0, ms: 0 });
   }
 
-  get busy(): boolean {
-    return this.running;
-  }
-
   private key(scene: object): string {
     return `${this.image} ${JSON.stringify(scene)}`;
   }

@@ -123,6 +123,6 @@ export function bakedPart(scene: Omit<Scene, "camera">): Omit<Scene, "camera" | 
 }
 
 /** The object without fields that are undefined. */
-export function strip<T extends object>(value: T): T {
+function strip<T extends object>(value: T): T {
   return Object.fromEntries(Object.entries(value).filter(([, one]) => one !== undefined)) as T;
 }

@@ -20,7 +20,7 @@ interface Stop {
   of?: "gaussian" | "layer";
 }
 
-export const STOPS: Stop[] = [
+const STOPS: Stop[] = [
   { key: "picture", name: "The picture", what: "Everything together, with highlights.", show: "picture", unit: "", image: "diffused" },
   { key: "irradiance", name: "1 Light that enters", what: "Light from the lamps, with shadows, as it passes the surface: hard edges.", show: "light", unit: "W/m²", image: "irradiance" },
   { key: "gaussian", name: "2 … spread out", what: "The same light blurred by one Gaussian. All materials share these copies.", show: "light", unit: "W/m²", image: "gaussian-N", of: "gaussian" },

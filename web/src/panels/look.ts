@@ -6,7 +6,7 @@ import type { State } from "../state";
 import type { Store } from "../store";
 import type { Tonemap, Triple } from "../types";
 
-export const BACKGROUNDS: [string, string, Triple | undefined][] = [
+const BACKGROUNDS: [string, string, Triple | undefined][] = [
   ["studio", "Dark studio", undefined],
   ["black", "Black", [0, 0, 0]],
   ["grey", "Grey", [0.18, 0.18, 0.18]],

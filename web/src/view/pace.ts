@@ -4,7 +4,7 @@ const LATE_MS = 40; // a frame that took longer is late
 const PATIENCE = 3; // late frames, one after the other, until frames are drawn quickly
 const GOAL_MS = 28;
 const REST_MS = 200; // after the last movement
-const COARSEST = 0.4; // of the pixels along an edge
+const COARSEST = 1 / 3; // of the pixels along an edge
 const STEP = 1.12; // a smaller change is not worth new buffers
 
 export class Pace {

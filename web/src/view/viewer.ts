@@ -146,6 +146,11 @@ export class Viewer {
     renderer.setScissorTest(false);
   }
 
+  /** Makes ready for movement, where frames take long; to be called when nothing is more urgent. */
+  prepare(): void {
+    if (this.pace.slow) this.surface.prepare();
+  }
+
   setGeometry(geometry: BufferGeometry): void {
     this.surface.setGeometry(geometry);
     this.showSeams(this.cuts.lines.visible);
@@ -175,7 +180,6 @@ export class Viewer {
     discard(look.light, texture);
     look.light = texture;
     look.scale = texture.userData.scale ?? 1;
-    if (this.pace.slow) this.surface.prepare(); // not before there is something to see
     this.redraw();
   }
 
