@@ -34,7 +34,7 @@ def matches(condition: str | None, tag: str) -> bool:
 
 
 class Answers:
-    """The answers given last, at most `max_bytes` in all. Used from the loop and the render thread."""
+    """The answers given last, at most `max_bytes` in all."""
 
     def __init__(self, max_bytes: int):
         self.max_bytes = max_bytes

@@ -10,7 +10,7 @@ from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
-from starlette.routing import Match
+from starlette.routing import Match, Route
 from texsss_server import openapi
 from texsss_server.middleware import Envelope
 from texsss_server.problems import Problem, of_error
@@ -116,10 +116,11 @@ async def _http(request: Request, error: Exception) -> Response:
 def _methods(request: Request) -> set[str]:
     """All methods of the routes at this path."""
     scope = {**request.scope, "method": "?"}
-    routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIRoute)]
-    return {
+    routes = [*request.app.routes, *(route for part in PARTS for route in part.router.routes)]
+    found = {
         method
         for route in routes
-        if route.matches(scope)[0] is not Match.NONE
+        if isinstance(route, Route | APIRoute) and route.matches(scope)[0] is not Match.NONE
         for method in route.methods or ()
     }
+    return found or {"GET", "HEAD"}  # files of the page

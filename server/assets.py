@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from texsss_server.problems import FOLDERS, Problem, retry_after
 from texsss_server.settings import MB, Settings
 
@@ -75,7 +75,7 @@ class Store:
     def __init__(self, settings: Settings):
         self.settings = settings
         self._own = None if settings.assets_dir else tempfile.TemporaryDirectory(prefix="texsss-assets-")
-        self.folder = Path(self._own.name if self._own else settings.assets_dir or ".")
+        self.folder = Path(self._own.name if self._own else settings.assets_dir or ".").resolve()
         self.folder.mkdir(parents=True, exist_ok=True)
         for leftover in self.folder.glob("upload-*"):
             leftover.unlink(missing_ok=True)
@@ -104,9 +104,10 @@ class Store:
         if not SHA256.fullmatch(asset):
             return None
         try:
-            return Asset.model_validate_json((self.folder / f"{asset}.json").read_bytes())
-        except FileNotFoundError:
+            found = Asset.model_validate_json((self.folder / f"{asset}.json").read_bytes())
+        except (FileNotFoundError, ValidationError):  # or cut short by a full disk
             return None
+        return found if (self.folder / asset).is_file() else None
 
     def path(self, asset: str) -> Path:
         """The file of an upload. Raises AssetError: when it isn't there."""
@@ -120,11 +121,11 @@ class Store:
 
     def remove(self, asset: str) -> bool:
         """Removes an upload; whether it was there."""
-        if self.get(asset) is None:
-            return False
-        (self.folder / f"{asset}.json").unlink(missing_ok=True)
-        (self.folder / asset).unlink(missing_ok=True)
-        return True
+        known = self.get(asset) is not None
+        if SHA256.fullmatch(asset):
+            for path in (self.folder / f"{asset}.json", self.folder / asset):
+                path.unlink(missing_ok=True)
+        return known
 
     async def add(self, name: str, chunks: AsyncIterator[bytes]) -> tuple[Asset, bool]:
         """The upload that arrives as `chunks`, and whether it is new.
@@ -150,8 +151,8 @@ class Store:
                 return known, False
             asset = await self._examined(digest, NAME.sub("_", Path(name).name)[-100:], Path(temporary))
             self._make_room(asset.bytes)
+            self._describe(asset)  # a description without its file is no asset yet
             os.replace(temporary, self.folder / digest)
-            self._describe(asset)
             return asset, True
         except OSError as error:
             raise _no_room(error) from None
@@ -236,8 +237,11 @@ class Store:
 
     def _describe(self, asset: Asset) -> None:
         described = self.folder / f"upload-{asset.asset}.json"
-        described.write_text(asset.model_dump_json(), encoding="utf-8")
-        os.replace(described, self.folder / f"{asset.asset}.json")
+        try:
+            described.write_text(asset.model_dump_json(), encoding="utf-8")
+            os.replace(described, self.folder / f"{asset.asset}.json")
+        finally:
+            described.unlink(missing_ok=True)
 
     def _files(self) -> list[Path]:
         return [path for path in self.folder.iterdir() if SHA256.fullmatch(path.name)]
@@ -268,7 +272,8 @@ def too_large(unit: str, limit: int, actual: int) -> Problem:
 
 def _other_magic(ending: str) -> tuple[bytes, ...]:
     """How files begin that are not what a mesh's ending says."""
-    return tuple(magic for known, magic in MAGIC.items() if known != ending and known != ".hdr")
+    own = (ending, ".hdr") if ending == ".obj" else (ending,)  # "#?" may begin a comment
+    return tuple(magic for known, magic in MAGIC.items() if known not in own)
 
 
 def _plain(error: Exception) -> str:

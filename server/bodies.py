@@ -18,6 +18,7 @@ from texsss.specs import Source
 
 JSON_TYPES = ("application/json",)
 DEEPEST = 64
+MOST_TOLD = 50  # complaints about one body
 
 
 async def chunks(request: Request, *, limit: int, timeout_s: float, slug: str) -> AsyncIterator[bytes]:
@@ -112,18 +113,28 @@ SceneBody = Annotated[Scene, Depends(scene_body)]
 
 def of_validation(error: ValidationError, data: Any, where: str = "body") -> Problem:
     """422 with a JSON pointer for every complaint; what was sent is not repeated."""
-    errors = []
-    for one in error.errors(include_url=False, include_input=False, include_context=False):
-        told = {
-            "pointer": _pointer(one["loc"], data),
-            "in": where,
-            "code": one["type"],
-            "detail": unquoted(one["msg"].removeprefix("Value error, "), data),
-        }
-        if told not in errors:
-            errors.append(told)
-    first, more = errors[0], f" ({len(errors) - 1} more)" if len(errors) > 1 else ""
-    return Problem("invalid-parameters", f"{first['pointer']}: {first['detail']}{more}", errors=errors[:50])
+    errors: dict[tuple[str, str, str], dict[str, str]] = {}  # the same complaint may come from union members
+    complaints = error.errors(include_url=False, include_input=False, include_context=False)
+    for one in complaints[:MOST_TOLD]:
+        pointer, message = _pointer(one["loc"], data), one["msg"].removeprefix("Value error, ")
+        detail = unquoted(message, _at(one["loc"], data))
+        told = {"pointer": pointer, "in": where, "code": one["type"], "detail": detail}
+        errors.setdefault((pointer, one["type"], detail), told)
+    first = next(iter(errors.values()))
+    others = len(errors) - 1 + max(len(complaints) - MOST_TOLD, 0)
+    more = f" ({others} more)" if others else ""
+    return Problem(
+        "invalid-parameters", f"{first['pointer']}: {first['detail']}{more}", errors=list(errors.values())
+    )
+
+
+def _at(loc: tuple, data: Any) -> Any:
+    """What was sent at a place; the nearest that exists."""
+    for part in loc:
+        in_list = isinstance(data, list) and isinstance(part, int) and part < len(data)
+        if in_list or (isinstance(data, dict) and part in data):
+            data = data[part]
+    return data
 
 
 def _pointer(loc: tuple, data: Any) -> str:
@@ -178,9 +189,14 @@ def _beyond(scene: Scene, service: Service) -> Iterator[dict[str, str]]:
         if source.path is not None:
             detail = "Files of the server are not read: upload the file to /v1/assets and name it by asset."
             yield fault(f"{pointer}/path", "path-refused", detail)
-        elif source.asset is not None and service.store.get(source.asset) is None:
-            detail = "No such asset is here (any more); upload it to /v1/assets."
-            yield fault(f"{pointer}/asset", "unknown-asset", detail)
+        elif source.asset is not None:
+            asset, kind = service.store.get(source.asset), "mesh" if pointer.startswith("/mesh") else "map"
+            if asset is None:
+                detail = "No such asset is here (any more); upload it to /v1/assets."
+                yield fault(f"{pointer}/asset", "unknown-asset", detail)
+            elif asset.kind != kind:
+                detail = f"Expected a {kind} here, the asset was uploaded as a {asset.kind}."
+                yield fault(f"{pointer}/asset", "wrong-kind", detail)
     for field in ("size", "raster"):
         if (getattr(scene.atlas, field) or 0) > settings.max_atlas:
             detail = f"Expected at most {settings.max_atlas} texels here."

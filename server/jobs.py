@@ -135,7 +135,7 @@ class Jobs:
         if job.finished:
             self._jobs.pop(job.id, None)
         else:
-            job.turn.stop("cancelled")
+            self.worker.stop(job.turn, "cancelled")
             job.problem = job.turn.problem()
             self._finish(job)
 

@@ -50,7 +50,7 @@ class Envelope:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                self._dress(MutableHeaders(scope=message), scope["path"], name)
+                self._dress(MutableHeaders(scope=message), scope["path"], name, status < 400)
             await send(message)
 
         try:
@@ -78,12 +78,12 @@ class Envelope:
                 return Problem("unauthorized", detail, headers={"www-authenticate": "Bearer"})
         return None
 
-    def _dress(self, headers: MutableHeaders, path: str, name: str) -> None:
+    def _dress(self, headers: MutableHeaders, path: str, name: str, is_success: bool) -> None:
         headers["x-request-id"] = name
         for header, value in SECURITY.items():
             headers.setdefault(header, value)
         headers["content-security-policy"] = API_CSP if path.startswith(API) else PAGE_CSP
-        if path.startswith("/assets/"):
+        if path.startswith("/assets/") and is_success:
             headers["cache-control"] = "public, max-age=31536000, immutable"  # named by their content
         elif not path.startswith(API):
             headers.setdefault("cache-control", "no-cache")  # the page names those assets

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from typing import Any, NamedTuple
 
 from starlette.responses import Response
@@ -65,6 +66,7 @@ SLUGS: dict[type[TexsssError], str] = {
 }
 """The first class that fits counts."""
 
+MOST_STRINGS = 1000
 FOLDERS = re.compile(r"(?<![\w.])(?:/[\w.@+~-]+)+/(?=[\w.@+~-])")
 
 
@@ -125,8 +127,9 @@ def of_error(error: TexsssError, sent: Any = None) -> Problem:
 
 
 def unquoted(message: str, sent: Any) -> str:
-    """A message without the strings that were sent."""
-    for text in sorted(set(_strings(sent)), key=len, reverse=True):
+    """A message without the strings that were sent, a few of them at the least."""
+    texts = set(islice(_strings(sent), MOST_STRINGS))
+    for text in sorted(texts, key=len, reverse=True):
         message = message.replace(repr(text), "what was sent")
     return message
 

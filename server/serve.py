@@ -48,9 +48,11 @@ class Server(uvicorn.Server):
         deadline = self._loop.time() + self.service.settings.grace_s
         while self.service.worker.busy and self._loop.time() < deadline:
             await asyncio.sleep(POLL_S)
-        self.service.worker.stop_all("stopping")
-        self.service.jobs.stop()
-        super().handle_exit(sig, frame)  # pyright: ignore[reportArgumentType]
+        try:
+            self.service.worker.stop_all("stopping")
+            self.service.jobs.stop()
+        finally:
+            super().handle_exit(sig, frame)  # pyright: ignore[reportArgumentType]
 
 
 def share_heaps() -> None:

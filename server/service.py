@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
@@ -45,7 +46,7 @@ class Service:
             self._warming = asyncio.create_task(self._warm())
 
     def begin_stop(self) -> None:
-        """From now on: not ready, no new work, event streams end."""
+        """From now on: not ready, and no new work."""
         self.stopping = True
         if self._warming is not None:
             self._warming.cancel()
@@ -78,10 +79,11 @@ class Service:
         """Fills the cache for the default scene, letting every request go first."""
         try:
             await self.worker.run(lambda engine, turn: engine.prepare(Scene(), turn), self._warm_turn)
+            await asyncio.to_thread(self.store.warm)
         except (Problem, TexsssError) as error:
             log.info("warming ended early", extra={"reason": str(error)})
-        else:
-            await asyncio.to_thread(self.store.warm)
+        except Exception:
+            log.exception("warming broke")
 
     # how requests are answered
 
@@ -93,13 +95,16 @@ class Service:
         work = asyncio.ensure_future(self.worker.run(call, turn))
         gone = asyncio.ensure_future(_gone(request))
         try:
-            await asyncio.wait({work, gone}, return_when=asyncio.FIRST_COMPLETED)
-            if not work.done():
-                turn.stop("gone")
-            return await work
+            left = turn.deadline - time.monotonic()
+            await asyncio.wait({work, gone}, timeout=left, return_when=asyncio.FIRST_COMPLETED)
+            if work.done():
+                return work.result()
+            self.worker.stop(turn, "gone" if gone.done() else "timeout")
+            work.add_done_callback(_heard)  # a step under way ends later
+            raise turn.problem()
         finally:
             gone.cancel()
-            turn.stop("gone")
+            self.worker.stop(turn, "gone")
             self.metrics.stages(turn.seconds)
 
     async def answer(
@@ -163,6 +168,12 @@ def _timing(answer: Answer) -> dict[str, str]:
 
 def _caching(tag: str) -> dict[str, str]:
     return {"etag": tag, "cache-control": "private, max-age=3600", "vary": "Accept"}
+
+
+def _heard(work: asyncio.Future) -> None:
+    """Takes what nobody waits for any more."""
+    if not work.cancelled():
+        work.exception()
 
 
 async def _gone(request: Request) -> None:

@@ -77,6 +77,8 @@ class Settings(BaseSettings):
             value = given.get(name, os.environ.get(f"TEXSSS_{name.upper()}"))
             if isinstance(value, str):
                 given[name] = tuple(value.split())
+        if given.get("allowed_hosts"):
+            given["allowed_hosts"] = tuple(name.lower() for name in given["allowed_hosts"])  # pyright: ignore
         super().__init__(**given)  # pyright: ignore[reportArgumentType]
 
 

@@ -63,7 +63,7 @@ class Turn:
         if fraction <= 0:
             self._began[stage] = now
         elif fraction >= 1 and stage in self._began:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._began.pop(stage)
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._began.pop(stage, now)
         self.stage, self.fraction = stage, fraction
         self.heard()
 
@@ -107,6 +107,7 @@ class Worker:
         self._wake = threading.Condition()
         self._closing = False
         self._running: list[Task] = []
+        self._arriving: list[Turn] = []
         self.engine: Engine | None = None
         self.broken: str | None = None
         self._thread = threading.Thread(target=self._main, name="render", daemon=True)
@@ -142,11 +143,16 @@ class Worker:
         turn.give_way = self._serve_before
         if turn.drafts_of is not None:
             self._supersede(turn.drafts_of)
+        self._arriving.append(turn)
         try:
             async with asyncio.timeout(self._wait_s):
                 await places.acquire()
         except TimeoutError:
+            if turn.reason is not None:
+                raise turn.problem() from None
             raise retry_after("queue-full", f"{self.waiting} requests wait already; try again.") from None
+        finally:
+            self._arriving.remove(turn)
         task = Task(call, turn, self._loop.create_future(), places)
         with self._wake:
             self._queues[turn.patience].append(task)
@@ -156,9 +162,22 @@ class Worker:
         except Cancelled:
             raise turn.problem() from None
 
+    def stop(self, turn: Turn, reason: Reason) -> None:
+        """Asks the work of a turn to stop; if it only waits, it ends at once. Call it on the loop."""
+        turn.stop(reason)
+        with self._wake:
+            dropped = [task for queue in self._queues for task in queue if task.turn is turn]
+            for task in dropped:
+                self._queues[turn.patience].remove(task)
+        for task in dropped:
+            task.places.release()
+            _settle(task.future, None, Cancelled("stopped before it started"))
+
     def stop_all(self, reason: Reason) -> None:
         """Asks everything that runs or waits to stop."""
-        for task in [*self._running, *(task for queue in self._queues for task in queue)]:
+        with self._wake:
+            tasks = [*self._running, *(task for queue in self._queues for task in queue)]
+        for task in tasks:
             task.turn.stop(reason)
 
     def close(self, timeout_s: float = 5.0) -> None:
@@ -170,9 +189,11 @@ class Worker:
         self._thread.join(timeout_s)
 
     def _supersede(self, client: str) -> None:
-        for task in [*self._running, *self._queues[PREVIEW]]:
-            if task.turn.drafts_of == client:
-                task.turn.stop("superseded")
+        with self._wake:
+            turns = [task.turn for task in [*self._running, *self._queues[PREVIEW]]] + self._arriving
+        for turn in turns:
+            if turn.drafts_of == client:
+                self.stop(turn, "superseded")
 
     # in the render thread
 
@@ -200,7 +221,8 @@ class Worker:
 
     def _next(self, below: int) -> Task | None:
         """The least patient task; only this thread takes tasks away."""
-        return next((queue.popleft() for queue in self._queues[:below] if queue), None)
+        with self._wake:
+            return next((queue.popleft() for queue in self._queues[:below] if queue), None)
 
     def _do(self, task: Task) -> None:
         self._loop.call_soon_threadsafe(task.places.release)

@@ -40,7 +40,7 @@ def _feed(digest: Any, part: Any) -> None:
         text = f"{type(part).__name__} {part.model_dump_json()}"
     elif isinstance(part, torch.Tensor):
         text = f"tensor {part.dtype} {tuple(part.shape)}"
-        digest.update(part.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes())
+        digest.update(part.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     elif isinstance(part, bytes):
         text = f"bytes {hashlib.blake2b(part).hexdigest()}"
     elif isinstance(part, dict):
@@ -61,20 +61,16 @@ def _feed(digest: Any, part: Any) -> None:
 class StageCache:
     """A least-recently-used store of results, at most `max_bytes` in all.
 
-    Their tensors count, and what they say they hold beside them, by an attribute `held_bytes`.
-    Results that hold a tensor which requires grad are never kept: they belong to one graph. Those that
-    are to last are kept on the `shelf`, too, if there is one.
+    `bytes_used`: of what is kept now. Tensors of results count, and what they say they hold beside them, by
+    an attribute `held_bytes`. Results that hold a tensor which requires grad are never kept: they belong to
+    one graph. Those that are to last are kept on the `shelf`, too, if there is one.
     """
 
     def __init__(self, max_bytes: int, shelf: Shelf | None = None):
         self.max_bytes, self.shelf = max_bytes, shelf
         self._kept: OrderedDict[str, tuple[Any, int]] = OrderedDict()
         self._lock = Lock()
-
-    @property
-    def bytes_used(self) -> int:
-        """Bytes kept now."""
-        return sum(size for _, size in self._kept.values())
+        self.bytes_used = 0
 
     def get_or_make(self, key: str, make: Callable[[], Any], *, lasts: bool = False) -> tuple[Any, bool]:
         """The result under `key`, made if it isn't there, and whether it had to be made.
@@ -101,14 +97,18 @@ class StageCache:
         if size > self.max_bytes:
             return
         with self._lock:
+            _, before = self._kept.pop(key, (None, 0))
             self._kept[key] = (value, size)
+            self.bytes_used += size - before
             while self.bytes_used > self.max_bytes:
-                self._kept.popitem(last=False)
+                _, (_, freed) = self._kept.popitem(last=False)
+                self.bytes_used -= freed
 
     def clear(self) -> None:
         """Forgets everything."""
         with self._lock:
             self._kept.clear()
+            self.bytes_used = 0
 
 
 def _tensors(value: Any):

@@ -19,7 +19,7 @@ from texsss.numerics.sparse import Sparse
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
-from texsss.transport.bank import Bank, Diffusion, diffusion, exitance, narrow_stop
+from texsss.transport.bank import BUDGET_BYTES, Bank, Diffusion, diffusion, exitance, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.doubts import doubts
 from texsss.transport.lattice import Blur
@@ -36,7 +36,6 @@ from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
 KINDS = (Operators, Step, Level, Blur, Sparse)  # what results that last on disk are made of
-BUDGET_BYTES = 6e9  # for the operators of surface diffusion
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from texsss.errors import DomainError
 
 ENDING = ".pt"
 DEFAULT_MB = 4096
+KILLED_S = 3600  # a save that takes longer was killed
 
 
 @dataclass(frozen=True)
@@ -78,13 +80,22 @@ class Shelf:
     def clear(self) -> int:
         """Take everything away; how many files that were."""
         removed = 0
+        self._sweep()
         for item in self.items():
             with suppress(OSError):  # another run took it away, or it may not be touched
                 item.path.unlink()
                 removed += 1
         return removed
 
+    def _sweep(self) -> None:
+        """Takes away what saves that were killed left behind."""
+        for path in self.folder.glob("*.part"):
+            with suppress(OSError):
+                if time.time() - path.stat().st_mtime > KILLED_S:
+                    path.unlink()
+
     def _make_room(self, allowed: int) -> None:
+        self._sweep()
         items = self.items()
         total = sum(item.bytes for item in items)
         for item in items:

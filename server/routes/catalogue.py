@@ -31,7 +31,11 @@ class ExampleScene(BaseModel):
     scene: dict
 
 
-@router.get("/v1/presets", summary="Media by name", responses=responses("starting", "stopping"))
+@router.get(
+    "/v1/presets",
+    summary="Media by name",
+    responses=responses("starting", "stopping", "queue-full", "render-timeout"),
+)
 async def presets(request: Request, service: TheService) -> list[Preset]:
     """Every medium that a layer may name without defining it."""
     found = await service.run(request, lambda engine, turn: engine.presets())

@@ -90,6 +90,19 @@ def test_picture_as_mesh_is_refused_though_known_as_map(client):
     problem(upload(client, png(4, 4), "a.obj"), 415, "unsupported-mesh")
 
 
+def test_an_upload_is_used_as_what_it_was_read_as(client, small):
+    """One file may be both: a map of one pixel that goes on as an OBJ. No limit of meshes was put to it."""
+    both = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80\n"
+    both += b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    asset = upload(client, both, "both.hdr")
+    assert asset.status_code == 201, asset.text
+    source = {"asset": asset.json()["asset"]}
+    told = problem(
+        client.post("/v1/render", json=small | {"mesh": {"source": source}}), 422, "invalid-parameters"
+    )
+    assert told["errors"][0]["code"] == "wrong-kind" and "uploaded as a map" in told["detail"]
+
+
 def test_too_many_pixels(client):
     """A small file of 5000² pixels is told by its header."""
     body = problem(upload(client, png(5000, 5000, "1"), "bomb.png"), 413, "asset-too-large")

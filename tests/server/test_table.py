@@ -175,6 +175,33 @@ def test_wrong_method(client, method, path, allow):
     assert answer.headers["allow"] == allow
 
 
+@pytest.mark.parametrize("path", ["/openapi.json", "/"])
+def test_wrong_method_beside_the_api(client, path):
+    answer = client.post(path)
+    problem(answer, 405, "method-not-allowed")
+    assert "GET" in answer.headers["allow"]
+
+
+def test_errors_among_the_page_s_files_are_not_kept(client):
+    problem(client.get("/assets/nope-12345678.js"), 404, "not-found")
+
+
+def test_thousands_of_faults_are_told_at_once(client):
+    """The loop answers everyone: a body of faults must not hold it."""
+    many = {f"k{i}": "x" * 20 for i in range(20_000)}
+    for body in (many, {"maps": {str(i): {} for i in range(20_000)}}, {"media": many}):
+        start = time.monotonic()
+        answer = client.post("/v1/profile", json=body)
+        told = problem(answer, 422, "invalid-parameters")
+        assert 1 <= len(told["errors"]) <= 50 and "more)" in told["detail"]
+        assert time.monotonic() - start < 4  # .2 to .5 s alone; an hour before there was a limit
+
+
+def test_choices_are_named_though_the_body_names_them_too(client):
+    answer = client.post("/v1/render", json={"summary": "uv", "methods": {"diffusion": "nope"}})
+    assert "'uv'" in problem(answer, 422, "invalid-parameters")["detail"]
+
+
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil:80", "[::2]", ""])
 def test_foreign_host(client, host):
     problem(client.get("/healthz", headers={"host": host}), 400, "bad-host")

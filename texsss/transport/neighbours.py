@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from scipy.spatial import KDTree
 
-from texsss.numerics.sparse import Sparse, starts
+from texsss.numerics.sparse import starts
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
 
 PAIRS = 1 << 19  # candidate pairs looked at once: temporaries stay in the cache
@@ -108,25 +107,3 @@ def neighbourhood(points: Float[Tensor, "P 3"], radius: float, cancel: Cancel | 
         columns.append(pairs.column)
         squares.append(pairs.squared)
     return Neighbourhood(starts(torch.cat(counts)), torch.cat(columns), torch.cat(squares))
-
-
-def with_nearest(
-    count: Int[Tensor, " rows"],
-    column: Int[Tensor, " entries"],
-    value: Float[Tensor, " entries"],
-    points: Float[Tensor, "P 3"],
-    targets: Float[Tensor, "rows 3"],
-) -> Sparse:
-    """The matrix of these rows, in which empty ones take the nearest of the points."""
-    lost = torch.nonzero(count == 0)[:, 0]
-    if len(lost):
-        # an empty row's only entry goes where the rows before it end
-        at = starts(count)[lost].long() + torch.arange(len(lost), device=count.device)
-        room = torch.ones(len(column) + len(lost), dtype=torch.bool, device=count.device)
-        room[at] = False
-        columns, values = column.new_empty(len(room)), value.new_ones(len(room))
-        found = KDTree(points.cpu().numpy()).query(targets[lost].cpu().numpy())[1]
-        columns[room], values[room] = column, value
-        columns[at] = torch.from_numpy(found).to(columns)
-        column, value, count = columns, values, count.clamp_min(1)
-    return Sparse(starts(count), column, value, len(points))

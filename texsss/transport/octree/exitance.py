@@ -6,12 +6,12 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.profiles.weights import Weights
+from texsss.transport.bank import RULES
 from texsss.transport.octree.integrate import integrated
 from texsss.transport.octree.sources import Sources, sources
 from texsss.types import Cancel, Float, Int, Progress, Tensor
 
 RESOLVED = 1.0  # spacings of the samples; a narrower Gaussian is left to the light at the receiver itself
-RULES = ("exit", "entry", "geometric-mean")
 
 
 @dataclass(frozen=True, eq=False)
