@@ -3,6 +3,7 @@
 from texsss.cache import StageCache
 from texsss.pipeline import Run
 from texsss.scene import Scene
+from texsss.surface._unwrap import LONG_S, unwrap_seconds
 from texsss.surface.atlas import examine_uv
 from texsss.surface.mesh import Mesh
 from texsss.surface.topology import charts
@@ -17,7 +18,7 @@ OPERATOR_BYTES = 1200
 OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
 RAYS_PER_SECOND = 1.5e6
-XATLAS_FACES_PER_SECOND = 5e3
+PROJECTED_FACES_PER_SECOND = 2.5e4  # where xatlas would take too long
 PACKED_SHARE = 0.7  # of the square that a made atlas covers
 
 
@@ -34,7 +35,9 @@ def estimate(scene: Scene) -> dict[str, str]:
     if run.layered_textures:
         _ = run.inner, run.outer_opacity
     size, terms = scene.atlas.texels, scene.methods.terms
-    unwraps = scene.atlas.uv == "xatlas" or (scene.atlas.uv == "auto" and not serves(mesh, size))
+    unwraps = scene.atlas.uv in ("xatlas", "fallback") or (
+        scene.atlas.uv == "auto" and not serves(mesh, size)
+    )
     if scene.atlas.uv == "source":
         _ = run.source_uv
     share = PACKED_SHARE if unwraps else source_share(mesh)
@@ -43,7 +46,11 @@ def estimate(scene: Scene) -> dict[str, str]:
     blur = SECONDS_PER_TEXEL.get(scene.methods.diffusion, max(SECONDS_PER_TEXEL.values())) * terms
     lamps = sum(RAYS_PER_LIGHT.get(light.type, 1) for light in scene.lights)
     seconds = 2.0 + size * size * blur / 3 + texels * lamps / RAYS_PER_SECOND
-    seconds += mesh.faces.shape[0] / XATLAS_FACES_PER_SECOND if unwraps else 0.0
+    faces = mesh.faces.shape[0]
+    projected = scene.atlas.uv == "fallback" or (scene.atlas.uv == "auto" and unwrap_seconds(faces) > LONG_S)
+    made = "projected along the axes" if projected else "made by xatlas"
+    if unwraps:
+        seconds += faces / PROJECTED_FACES_PER_SECOND if projected else unwrap_seconds(faces)
     if scene.methods.diffusion == "surface":
         seconds += texels * OPERATOR_SECONDS
         memory += texels * OPERATOR_BYTES
@@ -52,7 +59,7 @@ def estimate(scene: Scene) -> dict[str, str]:
     width, height, depth = mesh.extent.tolist()
     lines = {
         "object": f"{width:.4g} × {height:.4g} × {depth:.4g} mm, {mesh.faces.shape[0]:,} faces",
-        "atlas": f"{size} × {size}, {'made by xatlas' if unwraps else 'the texture coordinates serve'}",
+        "atlas": f"{size} × {size}, {made if unwraps else 'the texture coordinates serve'}",
         "texels": f"{texels:,} ({share:.0%} of the square)",
         "memory": f"{memory / 2**20:,.0f} MB at the peak",
         "seconds": f"{seconds:.1f}",
