@@ -24,8 +24,8 @@ class Running:
     process: subprocess.Popen
     log: Path
     assets: Path
-    first_ready: int
-    first_alive: int
+    first_ready: httpx.Response
+    first_alive: httpx.Response
 
     def client(self, **headers: str) -> httpx.Client:
         return httpx.Client(base_url=self.url, timeout=60, headers=headers)
@@ -67,9 +67,7 @@ def launch(folder: Path, name: str, **settings: object) -> Running:
     url, deadline = f"http://127.0.0.1:{port}", time.monotonic() + START_S
     while True:
         try:
-            ready, alive = (
-                httpx.get(f"{url}/{path}", timeout=5).status_code for path in ("readyz", "healthz")
-            )
+            ready, alive = (httpx.get(f"{url}/{path}", timeout=5) for path in ("readyz", "healthz"))
             return Running(url, process, log, assets, ready, alive)
         except httpx.TransportError:
             if process.poll() is not None or time.monotonic() > deadline:

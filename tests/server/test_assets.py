@@ -144,6 +144,10 @@ def test_client_killed_in_mid_stream_leaves_nothing(server, client):
     with socket.create_connection(address) as wire:
         head = "POST /v1/assets?name=a.obj HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n"
         wire.sendall(f"{head}Content-Length: 1000000\r\n\r\n".encode() + b"v 0 0 0\n" * 100)
+        deadline = time.monotonic() + 5
+        while not list(server.assets.glob("upload-*")):
+            assert time.monotonic() < deadline, "the upload never began"
+            time.sleep(0.01)
         wire.setsockopt(
             socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
         )  # reset, as kill -9 does

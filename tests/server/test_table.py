@@ -1,11 +1,16 @@
 """The table of behaviours: status, slug and body of every case that needs no tight limits."""
 
+import asyncio
 import json
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 
+import httpx
 import pytest
 from serving import problem
+from texsss_server.app import create_app
+from texsss_server.settings import Settings
 
 JSON = {"content-type": "application/json"}
 
@@ -228,7 +233,31 @@ def test_no_page_loads_anything_from_elsewhere(client):
 
 def test_starting(server):
     """The socket opens before torch is there: alive, not ready."""
-    assert server.first_ready == 503 and server.first_alive == 200
+    problem(server.first_ready, 503, "starting")
+    assert int(server.first_ready.headers["retry-after"]) > 0
+    assert server.first_alive.status_code == 200
+
+
+def test_what_nobody_expected_is_a_500_without_its_trace(caplog):
+    """An application of its own, since nothing is known to break the real one."""
+    app = create_app(Settings(warm=False))
+
+    def broken(asset: str) -> None:
+        raise RuntimeError(f"the secret folder of {asset}")
+
+    app.state.service.store.get = broken
+
+    async def ask() -> httpx.Response:
+        async with httpx.AsyncClient(
+            transport=httpx.ASGITransport(app), base_url="http://localhost"
+        ) as asking:
+            return await asking.get(f"/v1/assets/{'0' * 64}")
+
+    with ThreadPoolExecutor(1) as pool:  # a browser that was tested before has a loop in this thread
+        answer = pool.submit(lambda: asyncio.run(ask())).result()
+    app.state.service.store.close()
+    problem(answer, 500, "internal")
+    assert "secret" not in answer.text and "the secret folder" in caplog.text
 
 
 def test_health_and_metrics(client):
