@@ -37,10 +37,11 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     if not compiler_found():
         _notice("no C++ compiler or no Python.h was found")
         return kernel
+    # before the imports, which name a temporary folder where nothing is said
+    os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
     from torch._dynamo.exc import TorchDynamoException  # seconds to import, so only here
     from torch._inductor.exc import InductorError
 
-    os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
     while _constants:
         torch.compiler.assume_constant_result(_constants.pop())
     fast = torch.compile(kernel, dynamic=False, fullgraph=True, options=OPTIONS)
