@@ -68,9 +68,9 @@ def main() -> None:
         search.step()
         settle.step()
         if step % 50 == 0:
-            print(f"step {step}: pictures differ by {math.sqrt(error):.2%}", flush=True)
+            print(f"step {step}: pictures differ by {math.sqrt(error.item()):.2%}", flush=True)
     wrong = (DEEPEST * torch.sigmoid(raw.detach()) - true).abs() * 1000
-    print(f"pictures differ by {math.sqrt(error):.3%}, depths by {wrong.mean():.1f} µm on average")
+    print(f"pictures differ by {math.sqrt(error.item()):.3%}, depths by {wrong.mean():.1f} µm on average")
     print(f"95 % of the texels within {torch.quantile(wrong, 0.95):.0f} µm")
 
 
