@@ -9,10 +9,10 @@ route by FFTs on one; the paper gives .004 s and .118 s per sample for them, on 
 
 import argparse
 import math
-import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import torch
 
@@ -63,10 +63,15 @@ def weigh(model: str, compiled: bool, texels: int) -> None:
     ladder = variance_ladder(0.4, 400.0, TERMS)
     table = varied(texels)
     weights_for(varied(8), ladder, model=model, compiled=compiled)  # what is loaded once
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peak_mb()
     weights = weights_for(table, ladder, model=model, compiled=compiled)
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    print(grown / 1024 - (weights.table.nbytes + weights.row.nbytes) / 2**20)
+    print(peak_mb() - before - (weights.table.nbytes + weights.row.nbytes) / 2**20)
+
+
+def peak_mb() -> float:
+    """Most memory of this process so far [MB]; getrusage would count what its parent had."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
 def peak_beyond(model: str, compiled: bool, texels: int) -> float:

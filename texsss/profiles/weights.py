@@ -72,7 +72,7 @@ def weights_for(
     first rounded to `levels` steps between its extremes, so that they become a table (None: exact;
     ignored while gradients are asked for). Totals move by up to .002, where a layer is thinnest.
     Grey materials are shown in `channels` channels. `compiled`: layered models under torch.compile, five
-    times faster once compiled (under a minute, kept on disk); ignored while gradients are asked for.
+    times faster once compiled (a minute or two, kept on disk); ignored while gradients are asked for.
     Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
