@@ -55,7 +55,9 @@ def picture(
         if progress is not None:
             progress("view", 0.6 * float(pixel[-1] + 1) / count)
     if samples > 1:
-        key = float(((colour.mean(-1) * cover).sum() / cover.sum().clamp_min(1)).clamp_min(1e-30))
+        shown = (colour.mean(-1) * cover).sum() / cover.sum().clamp_min(1)
+        # a background that outshines the object weighs as much at its outline
+        key = float(torch.maximum(shown, colour.mean()).clamp_min(1e-30))
         film = _Film(key, colour, cover)
         edges = film.edges((height, width)).nonzero()[:, 0]
         _refine(camera, occluder, shader, edges, samples, seed, behind, film, progress, cancel)
