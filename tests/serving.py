@@ -120,6 +120,8 @@ STRICT = {
     "cors_origins": "https://studio.example",
     "jobs": 2,
     "grace_s": 1.5,
+    "parse_timeout_s": 1,
+    "job_ttl_s": 1,
 }
 
 

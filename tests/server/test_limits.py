@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import threading
@@ -86,6 +87,31 @@ def test_upload_limits(tight):
     fan += "".join(f"f 1 {i} {i + 1}\n" for i in range(2, 203))
     told = problem(upload(fan.encode(), "fan.obj"), 413, "asset-too-large")
     assert told["limit"] == 200 and told["actual"] == 201 and told["unit"] == "faces"
+
+
+def test_reader_that_takes_too_long_is_told_and_replaced(strict, tight):
+    """A file that keeps its reader busy, simulated by readers that are held."""
+    triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+    def upload(text: bytes) -> httpx.Response:
+        headers = {"content-type": "model/obj"}
+        return tight.post("/v1/assets", params={"name": "a.obj"}, content=text, headers=headers)
+
+    assert upload(triangle + b"# one").status_code == 201
+    for pid in strict.descendants():
+        os.kill(pid, signal.SIGSTOP)
+    start = time.monotonic()
+    problem(upload(triangle + b"# two"), 422, "parse-limit")
+    assert 0.9 < time.monotonic() - start < 10
+    assert upload(triangle + b"# two").status_code == 201
+
+
+def test_finished_jobs_expire(tight):
+    job = tight.post("/v1/bake", json=SLOW, headers={"prefer": "respond-async"}).headers["location"]
+    assert tight.delete(job).status_code == 204
+    assert tight.get(job).json()["state"] == "cancelled"
+    time.sleep(1.2)
+    problem(tight.get(job), 404, "not-found")
 
 
 def test_render_timeout(tight):
