@@ -3,6 +3,7 @@
 FOLDER holds bad meshes, and bad textures in tex/.
 """
 
+import resource
 import sys
 import time
 from collections.abc import Iterator
@@ -63,8 +64,11 @@ def main() -> None:
     for name, seconds, said in answers(Path(sys.argv[1])):
         rows.append(f"| `{name}` | {seconds:.1f} | {said.replace('|', '/')} |")
         print(rows[-1], flush=True)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    told = f"All of them in one process, which took {most:.1f} GB at its most.\n"
+    print(told)
     if "--write" in sys.argv:
-        Path(sys.argv[-1]).write_text(HEAD + "\n".join(rows) + "\n", encoding="utf-8")
+        Path(sys.argv[-1]).write_text(HEAD + "\n".join(rows) + "\n\n" + told, encoding="utf-8")
 
 
 if __name__ == "__main__":
