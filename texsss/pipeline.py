@@ -50,10 +50,10 @@ class Run(Beneath):
         some = texels.points[:: max(len(texels) // ADVISED, 1)]
         material = stack.at(some.uv(self.source_uv)) if stack.varies else stack
         said = advice(material, texel_mm=texels.texel_mm, extent_mm=float(mesh.extent.max()))
-        if self.operators is not None and len(self.operators.value.variances) < len(self.variances):
-            stopped = len(self.variances) - len(self.operators.value.variances)
-            said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
-        if self.operators is not None:
+        if self.scene.methods.diffusion == "surface":
+            stopped = int((~affordable(texels, self.variances, BUDGET_BYTES)).sum())
+            if stopped:
+                said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
             said += self.doubts.value
         return [*said, *notes.messages, *self.atlas.value.report.messages]
 
@@ -264,7 +264,7 @@ class Run(Beneath):
         scene = self.scene
         result = (self.irradiance.value, self.exitance, self.weights("total").value)
 
-        if self.operators is not None:
+        if scene.methods.diffusion == "surface":
             _ = self.doubts  # the report tells of it, which asks for nothing new
 
         def encode(image: Tensor) -> Tensor:
