@@ -12,7 +12,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
 from starlette.routing import Match, Route
 from texsss_server import openapi
-from texsss_server.middleware import Envelope
+from texsss_server.middleware import Envelope, Gate
 from texsss_server.problems import Problem, of_error
 from texsss_server.routes import assets, bake, catalogue, health, jobs, render, study, viewer
 from texsss_server.service import Service
@@ -52,6 +52,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.frontend("/", directory=STATIC, fallback=None)
     else:
         app.add_api_route("/", _no_page, include_in_schema=False)
+    app.add_middleware(Gate, service=service)
     if settings.cors_origins:
         app.add_middleware(
             CORSMiddleware,

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from datetime import UTC, datetime
 from typing import Any, Literal
 
@@ -51,6 +51,7 @@ class Job:
         self.created, self.finished_at = datetime.now(UTC), float("inf")
         self.answer: Answer | None = None
         self.problem: Problem | None = None
+        self.fetched = False
         self._changed = asyncio.Event()
 
     @property
@@ -100,8 +101,9 @@ class Job:
 class Jobs:
     """The jobs of all clients, known by ids that nobody guesses. Finished ones expire."""
 
-    def __init__(self, settings: Settings, worker: Worker):
-        self.settings, self.worker = settings, worker
+    def __init__(self, settings: Settings, worker: Worker, took: Callable[[dict[str, float]], None]):
+        """`took` hears the seconds of every stage that a job went through."""
+        self.settings, self.worker, self._took = settings, worker, took
         self._jobs: dict[str, Job] = {}
         self._tasks: set[asyncio.Task] = set()
 
@@ -150,6 +152,12 @@ class Jobs:
             size -= len(job.answer.body) if job.answer is not None else 0
             del self._jobs[job.id]
 
+    def owes(self, since: float) -> bool:
+        """Whether a job is unfinished, or its result came after `since` (monotonic) [s] and wasn't fetched."""
+        return any(
+            not job.finished or (job.answer and not job.fetched and job.finished_at >= since) for job in self
+        )
+
     def stop(self) -> None:
         """Ends every event stream, since the service stops."""
         for job in self:
@@ -169,6 +177,7 @@ class Jobs:
             log.exception("a job broke", extra={"job": job.id})
             job.problem = job.problem or Problem("internal", "Something broke here; the log knows more.")
         finally:
+            self._took(job.turn.seconds)
             self._finish(job)
 
     def _finish(self, job: Job) -> None:

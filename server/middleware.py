@@ -1,4 +1,4 @@
-"""Around every request: an id, checks at the door, security headers, a log line, metrics, a last resort."""
+"""Around every request: an id, security headers, a log line, metrics; checks at the door, a last resort."""
 
 import hmac
 import logging
@@ -33,7 +33,7 @@ PAGE_CSP = (
 
 
 class Envelope:
-    """The outermost layer; nothing leaves without passing it."""
+    """The outermost layer; nothing leaves without passing it: it names, dresses and notes every answer."""
 
     def __init__(self, app: ASGIApp, service: "Service"):
         self.app, self.service = app, service
@@ -54,29 +54,9 @@ class Envelope:
             await send(message)
 
         try:
-            problem = self._refusal(scope)
-            app = self.app if problem is None else problem.response(name)
-            await app(scope, receive, sending)
-        except Exception:
-            log.exception("unexpected error", extra={"path": scope["path"]})
-            if not status:
-                broken = Problem("internal", "Something broke here; tell us the instance below.")
-                await broken.response(name)(scope, receive, sending)
+            await self.app(scope, receive, sending)
         finally:
             self._note(scope, status, time.perf_counter() - start)
-
-    def _refusal(self, scope: Scope) -> Problem | None:
-        """Why a request is not let in."""
-        headers, settings = Headers(scope=scope), self.service.settings
-        if "*" not in settings.allowed_hosts and _host(headers) not in settings.allowed_hosts:
-            return Problem("bad-host", "Expected a Host that is served here; see TEXSSS_ALLOWED_HOSTS.")
-        if settings.api_key and scope["path"].startswith(LOCKED) and scope["method"] != "OPTIONS":
-            scheme, _, key = headers.get("authorization", "").partition(" ")
-            right = hmac.compare_digest(key.strip().encode(), settings.api_key.encode())
-            if scheme.lower() != "bearer" or not right:
-                detail = "Expected the header Authorization: Bearer KEY."
-                return Problem("unauthorized", detail, headers={"www-authenticate": "Bearer"})
-        return None
 
     def _dress(self, headers: MutableHeaders, path: str, name: str, is_success: bool) -> None:
         headers["x-request-id"] = name
@@ -94,6 +74,49 @@ class Envelope:
         self.service.metrics.request(scope["method"], route, status, seconds)
         told = {"method": scope["method"], "route": route, "status": status, "ms": round(1000 * seconds, 1)}
         log.info("request", extra=told)
+
+
+class Gate:
+    """Who is let in, and what is said when something breaks behind it.
+
+    It stands within cross-origin headers, so that a page elsewhere can read these answers too.
+    """
+
+    def __init__(self, app: ASGIApp, service: "Service"):
+        self.app, self.service = app, service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        name, started = scope["state"]["request_id"], False
+
+        async def sending(message: Message) -> None:
+            nonlocal started
+            started = True
+            await send(message)
+
+        try:
+            problem = self._refusal(scope)
+            app = self.app if problem is None else problem.response(name)
+            await app(scope, receive, sending)
+        except Exception:
+            log.exception("unexpected error", extra={"path": scope["path"]})
+            if not started:
+                broken = Problem("internal", "Something broke here; tell us the instance below.")
+                await broken.response(name)(scope, receive, send)
+
+    def _refusal(self, scope: Scope) -> Problem | None:
+        """Why a request is not let in."""
+        headers, settings = Headers(scope=scope), self.service.settings
+        if "*" not in settings.allowed_hosts and _host(headers) not in settings.allowed_hosts:
+            return Problem("bad-host", "Expected a Host that is served here; see TEXSSS_ALLOWED_HOSTS.")
+        if settings.api_key and scope["path"].startswith(LOCKED) and scope["method"] != "OPTIONS":
+            scheme, _, key = headers.get("authorization", "").partition(" ")
+            right = hmac.compare_digest(key.strip().encode(), settings.api_key.encode())
+            if scheme.lower() != "bearer" or not right:
+                detail = "Expected the header Authorization: Bearer KEY."
+                return Problem("unauthorized", detail, headers={"www-authenticate": "Bearer"})
+        return None
 
 
 def _host(headers: Headers) -> str:

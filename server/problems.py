@@ -67,7 +67,8 @@ SLUGS: dict[type[TexsssError], str] = {
 """The first class that fits counts."""
 
 MOST_STRINGS = 1000
-FOLDERS = re.compile(r"(?<![\w.])(?:/[\w.@+~-]+)+/(?=[\w.@+~-])")
+FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s'\",;:()/][^\n'\",;:()/]*/)+(?=[^\s'\",;:()/])")
+"""Absolute folders before the name of a file; theirs may have spaces."""
 
 
 class Problem(Exception):

@@ -5,6 +5,7 @@ import ctypes
 import logging
 import signal
 import socket
+import time
 
 import uvicorn
 from texsss_server.app import create_app
@@ -20,7 +21,8 @@ M_ARENA_MAX = -8  # of glibc's mallopt
 
 
 class Server(uvicorn.Server):
-    """On the first signal: not ready any more, what runs is finished or cancelled after the grace period."""
+    """On the first signal: not ready any more; what runs is finished and its result may be fetched, or it is
+    cancelled after the grace period."""
 
     def __init__(self, config: uvicorn.Config, service: Service):
         super().__init__(config)
@@ -45,12 +47,13 @@ class Server(uvicorn.Server):
         self._stopping = asyncio.ensure_future(self._stop(sig, frame))
 
     async def _stop(self, sig: int, frame: object) -> None:
-        deadline = self._loop.time() + self.service.settings.grace_s
-        while self.service.worker.busy and self._loop.time() < deadline:
+        worker, jobs, began = self.service.worker, self.service.jobs, time.monotonic()
+        deadline = began + self.service.settings.grace_s
+        while (worker.busy or jobs.owes(began)) and time.monotonic() < deadline:
             await asyncio.sleep(POLL_S)
         try:
-            self.service.worker.stop_all("stopping")
-            self.service.jobs.stop()
+            worker.stop_all("stopping")
+            jobs.stop()
         finally:
             super().handle_exit(sig, frame)  # pyright: ignore[reportArgumentType]
 

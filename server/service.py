@@ -34,7 +34,7 @@ class Service:
             self._engine, places=settings.queue, jobs=settings.jobs, wait_s=settings.queue_wait_s
         )
         self.answers = Answers(int(settings.answers_mb * MB))
-        self.jobs = Jobs(settings, self.worker)
+        self.jobs = Jobs(settings, self.worker, self.metrics.stages)
         self.stopping = False
         self._warm_turn = Turn(settings.job_timeout_s, patience=BACKGROUND)
         self._warming: asyncio.Task | None = None

@@ -56,7 +56,7 @@ def free_port() -> int:
 def launch(folder: Path, name: str, **settings: object) -> Running:
     """Starts `texsss serve` with settings by environment; returns when the socket answers."""
     port = settings.pop("port", None) or free_port()
-    assets = folder / f"{name}-assets"
+    assets = folder / f"{name} assets of ours"  # blanks, which messages must not stumble over
     given = {"assets_dir": assets, "host": "127.0.0.1", "port": port, "threads": 1, "warm": False, **settings}
     environment = os.environ | {f"TEXSSS_{key.upper()}": str(value) for key, value in given.items()}
     log = folder / f"{name}.log"

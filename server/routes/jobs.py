@@ -58,6 +58,7 @@ async def events(job: TheJob) -> AsyncIterable[ServerSentEvent]:
 async def result(job: TheJob) -> Response:
     """The image, model or bundle."""
     if job.answer is not None:
+        job.fetched = True
         return success(job.answer, {"cache-control": "no-store"})
     if job.problem is not None:
         cause = job.problem.as_dict(job.id)

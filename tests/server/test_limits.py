@@ -44,6 +44,15 @@ def test_cors_only_where_allowed(tight):
     assert allowed("https://evil.example") is None
 
 
+def test_pages_elsewhere_can_read_refusals(strict):
+    origin = {"origin": "https://studio.example"}
+    for headers, status in (({}, 401), ({"host": "evil.example"}, 400)):
+        answer = httpx.get(f"{strict.url}/v1/presets", headers=origin | headers)
+        assert answer.status_code == status
+        assert answer.headers["access-control-allow-origin"] == "https://studio.example"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+
+
 def test_body_too_large_as_announced(tight):
     body = b'{"a": "' + b"x" * LIMIT + b'"}'
     answer = tight.post("/v1/render", content=body, headers={"content-type": "application/json"})

@@ -80,8 +80,10 @@ def test_newer_drafts_take_the_places_of_older_ones_at_once():
 
 
 def test_jobs_that_are_cancelled_while_they_wait_give_their_places_back():
+    took: list[dict[str, float]] = []
+
     async def check(worker, running, go):
-        jobs = Jobs(Settings(jobs=2), worker)
+        jobs = Jobs(Settings(jobs=2), worker, took.append)
         first = [await jobs.start("bake", nothing) for _ in range(2)]
         await asyncio.sleep(0.05)
         for job in first:
@@ -93,7 +95,7 @@ def test_jobs_that_are_cancelled_while_they_wait_give_their_places_back():
         go.set()
         while not all(job.finished for job in again):
             await asyncio.sleep(0.01)
-        assert [job.state for job in again] == ["done"] * 2
+        assert [job.state for job in again] == ["done"] * 2 and len(took) == 4
 
     with_worker(check)
 

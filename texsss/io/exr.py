@@ -65,7 +65,7 @@ def read_exr(
         chosen = _colours([channel.name for channel in header["channels"]], name)
         found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
         planes = [np.asarray(found[c].pixels, dtype=np.float32) for c in chosen]
-    except AssetError:
+    except (AssetError, MemoryError):
         raise
     # the binding raises RuntimeError, ValueError, TypeError for damage of all kinds
     except Exception as error:

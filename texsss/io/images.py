@@ -108,7 +108,7 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
                 return _deep_png(data, height, width)
             picture.load()
             return _array(ImageOps.exif_transpose(picture), name)
-    except AssetError:
+    except (AssetError, MemoryError):
         raise
     except Image.DecompressionBombError as error:
         raise TooLarge(
