@@ -153,7 +153,7 @@ class Jobs:
             del self._jobs[job.id]
 
     def owes(self, since: float) -> bool:
-        """Whether a job is unfinished, or its result came after `since` (monotonic) [s] and wasn't fetched."""
+        """Whether a job is unfinished, or a result that came after `since` (monotonic) [s] not fetched."""
         return any(
             not job.finished or (job.answer and not job.fetched and job.finished_at >= since) for job in self
         )

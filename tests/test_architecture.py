@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "look": ROOMS | {"specs", "methods", "resolve"},
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
-    "estimate": ROOMS | {"scene", "cache", "pipeline"},
+    "estimate": ROOMS | {"pipeline"},
     "stages": {"errors", "types", "scene", "cache"},
     "ground": ROOMS | {"scene", "resolve", "cache", "stages"},
     "matter": ROOMS | {"resolve", "cache", "ground", "look"},
@@ -50,17 +50,17 @@ MAY_IMPORT = {
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {
         *("errors", "types", "scene", "cache", "shelf", "resolve", "result", "pipeline", "view"),
-        *("curve", "inspection", "intermediates", "showing"),
+        *("curve", "estimate", "inspection", "intermediates", "io", "showing"),
     },
     "compare": {"errors", "types", "scene", "baker", "result", "io"},
     "plot": set(),
     "shorthand": {"errors"},
-    "options": {"scene", "shorthand"},
+    "options": {"scene", "shorthand", "io"},
     "openmp": set(),
     "terminal": {"errors"},
     "cli": {
         "terminal",
-        *("openmp", "baker", "compare", "result", "estimate", "scene", "options", "plot", "types", "errors"),
+        *("openmp", "baker", "compare", "result", "scene", "options", "plot", "types", "errors", "io"),
         *("cache", "gallery", "shelf"),
     },
     "__init__": set(),
@@ -69,7 +69,7 @@ MAY_IMPORT = {
 
 SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
-    *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "estimate", "curve"),
+    *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "curve"),
     "gallery",
 }
 

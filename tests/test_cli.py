@@ -13,14 +13,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from texsss.baker import Baker
 from texsss.cli import main
+from texsss.errors import Cancelled
 from texsss.inspection import kernel
+from texsss.io.sandbox import Sandbox
+from texsss.scene import Scene
 
 FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
 
 CUBE_OBJ = """
 v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
 f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 2 3 7 6\nf 1 5 8 4
+"""
+
+SQUARE_OBJ = """
+v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4
 """
 
 
@@ -208,14 +216,60 @@ def told(done: Done, says: str) -> None:
 
 def test_lights_and_maps_in_short(texsss, cube, tmp_path):
     lights = ["--light", "sun:0,1,1:2", "--light", "ball:0,40,40:5:1,2,3", "--light", "sky:0.1"]
+    lights += ["--light", "panel:0,90,0:0,-2,0:20,10:4", "--light", "panel:30,40,0:-3,-4,0:20,10"]
     done = texsss(
         "bake", cube, "--unit-mm", 10, "--size", 32, "--roughness", 0.2, *lights, "--out", tmp_path / "out"
     )
     assert done.returncode == 0, done.stderr
     scene = json.loads((tmp_path / "out/report.json").read_text())["scene"]
-    assert [light["type"] for light in scene["lights"]] == ["directional", "sphere", "environment"]
+    assert [light["type"] for light in scene["lights"]] == ["directional", "sphere", "environment"] + 2 * [
+        "rectangle"
+    ]
     assert scene["lights"][1]["radiance"] == [1, 2, 3]
     assert scene["material"]["surface"]["roughness"] == 0.2
+    for panel, towards in zip(scene["lights"][3:], ([0, -1, 0], [-0.6, -0.8, 0]), strict=True):
+        width, height = np.array(panel["width_mm"]), np.array(panel["height_mm"])
+        assert np.allclose([np.linalg.norm(width), np.linalg.norm(height)], [20, 10])
+        assert np.allclose(np.cross(width, height) / 200, towards)
+
+
+def test_doubtful_files_are_read_in_a_limited_child(texsss, tmp_path, monkeypatch):
+    Image.new("RGB", (8, 8), (200, 150, 120)).save(tmp_path / "colour.png")
+    square = tmp_path / "square.obj"
+    square.write_text(SQUARE_OBJ)
+    given = ("render", square, "--unit-mm", 10, "--size", 32, "--albedo", tmp_path / "colour.png")
+    plain = texsss(*given)
+    assert plain.returncode == 0, plain.stderr
+    (tmp_path / "image.png").rename(tmp_path / "plain.png")
+    held = texsss(*given, "--untrusted")
+    assert held.returncode == 0, held.stderr
+    assert (tmp_path / "image.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
+    many = "".join(f"v {i} {i * i % 97} 0\n" for i in range(400_000)) + "f 1 2 3\n"
+    (tmp_path / "many.obj").write_text(many)
+    monkeypatch.setattr("texsss.io.sandbox.Sandbox", lambda: Sandbox(memory_mb=30))
+    told(
+        texsss("inspect", tmp_path / "many.obj", "--untrusted"), "many.obj: reading it needs more than 30 MB"
+    )
+
+
+def test_long_bakes_are_foretold(texsss, tmp_path):
+    rows = "".join(f"v {i % 300} {i // 300} {i % 7}\n" for i in range(300 * 300))
+    rows += "".join(
+        f"f {k + 1} {k + 2} {k + 302}\nf {k + 1} {k + 302} {k + 301}\n"
+        for k in (300 * j + i for j in range(299) for i in range(299))
+    )
+    (tmp_path / "large.obj").write_text(rows)
+    done = texsss("bake", tmp_path / "large.obj", "--dry-run")
+    assert done.returncode == 0 and "made by xatlas" in done.stdout
+    said: list[str] = []
+    scene = Scene.parse({"mesh": {"source": str(tmp_path / "large.obj"), "unit_mm": 1}})
+    with pytest.raises(Cancelled):
+        Baker().bake(scene, notice=said.append, cancel=lambda: bool(said))
+    assert "178,802 faces" in said[0] and "Ctrl-C" in said[0]
+    (tmp_path / "square.obj").write_text(SQUARE_OBJ)
+    small = {"mesh": {"source": str(tmp_path / "square.obj"), "unit_mm": 10}, "atlas": {"size": 32}}
+    Baker().bake(Scene.parse(small), notice=said.append)
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize("light", ["", "foo", "point", "point:1,2", "point:1,2,x", "ball:1,2,3", "sky:1:2"])

@@ -1,12 +1,15 @@
 """Scenes baked one after the other, with the results of their stages kept in between."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from texsss.cache import StageCache
 from texsss.curve import curve
 from texsss.errors import DomainError
+from texsss.estimate import described, forewarning
 from texsss.inspection import inspect
 from texsss.intermediates import intermediate
+from texsss.io.sandbox import Sandbox
 from texsss.pipeline import KINDS, Run
 from texsss.resolve import Assets
 from texsss.result import Baked
@@ -21,28 +24,49 @@ class Baker:
     """Runs the stages of scenes in order and keeps their results, at most `cache_bytes` in all.
 
     `shelf` keeps those that are dear on disk, from one run to the next (`lasting_shelf()`). `assets` finds
-    the file of an uploaded asset by its sha256, for scenes that name some.
+    the file of an uploaded asset by its sha256, for scenes that name some. `sandbox` reads all files, in a
+    child of limited memory and time; without it they are read here.
     Not for use from several threads at once. Raises TexsssError: whatever a stage says of its input.
     """
 
     def __init__(
-        self, cache_bytes: int = 4 << 30, *, assets: Assets | None = None, shelf: Shelf | None = None
+        self,
+        cache_bytes: int = 4 << 30,
+        *,
+        assets: Assets | None = None,
+        shelf: Shelf | None = None,
+        sandbox: Sandbox | None = None,
     ):
         self.cache = StageCache(cache_bytes, shelf)
-        self.assets = assets
+        self.assets, self.sandbox = assets, sandbox
 
-    def bake(self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None) -> Baked:
+    def bake(
+        self,
+        scene: Scene,
+        *,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
+        notice: Callable[[str], object] | None = None,
+    ) -> Baked:
         """The baked scene. `progress` hears (stage, fraction); `cancel` is asked between steps.
 
+        `notice` hears beforehand, in a sentence, how long it will take if that is long.
         Raises Cancelled: when `cancel` says so; nothing is lost of what was already kept.
         """
-        return self._run(scene, progress, cancel).baked()
+        run = self._run(scene, progress, cancel)
+        if notice is not None and (warning := forewarning(run)):
+            notice(warning)
+        return run.baked()
 
     def render(
         self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
     ) -> Float[Tensor, "h w 3"]:
         """The scene's picture, linear RGB. As `bake` otherwise."""
         return self._run(scene, progress, cancel).picture
+
+    def estimate(self, scene: Scene) -> dict[str, str]:
+        """What `bake` is expected to cost, as lines to show; see `texsss.estimate`. As `bake` otherwise."""
+        return described(self._run(scene, None, None))
 
     def intermediate(
         self, scene: Scene, name: str, *, progress: Progress | None = None, cancel: Cancel | None = None
@@ -91,7 +115,7 @@ class Baker:
                 f"Baker: expected a Scene, got a {type(scene).__name__}; "
                 "make one by Scene.load(path) or Scene.parse(data)."
             )
-        return Run(self.cache, scene, progress, cancel, self.assets)
+        return Run(self.cache, scene, progress, cancel, self.assets, self.sandbox)
 
 
 def lasting_shelf(size_mb: float | None = None) -> Shelf:

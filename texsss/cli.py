@@ -4,7 +4,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,9 @@ from texsss.errors import TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
 from texsss.terminal import EXIT_INTERRUPTED, image_name, say, show_table, shown_progress, writable
+
+if TYPE_CHECKING:
+    from texsss.io.sandbox import Sandbox
 
 app = typer.Typer(
     help="Layered subsurface scattering in the texture space of a mesh.",
@@ -30,20 +33,20 @@ EXIT_BAD_INPUT = 2
 @takes_scene
 def bake(
     scene: Scene,
+    sandbox: "Sandbox | None",
     out: Annotated[Path, typer.Option(help="Folder for the six files.")] = Path("out"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would cost.")] = False,
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
     writable(out)
-    if dry_run:
-        from texsss.estimate import estimate
-
-        show_table("Expected", estimate(scene))
-        return
     from texsss.baker import Baker, lasting_shelf  # torch takes its time: not for --help
 
+    baker = Baker(shelf=lasting_shelf(), sandbox=sandbox)
+    if dry_run:
+        show_table("Expected", baker.estimate(scene))
+        return
     with shown_progress() as progress:
-        baked = Baker(shelf=lasting_shelf()).bake(scene, progress=progress)
+        baked = baker.bake(scene, progress=progress, notice=lambda note: say("note", "yellow", note))
         for note in baked.report["notes"]:
             say("note", "yellow", note)
         written = baked.save(out, progress=progress)
@@ -55,6 +58,7 @@ def bake(
 @takes_scene
 def render(
     scene: Scene,
+    sandbox: "Sandbox | None",
     out: Annotated[Path, typer.Option(help="The picture, .png or .exr.")] = Path("image.png"),
 ) -> None:
     """Renders the picture of a scene alone."""
@@ -62,7 +66,7 @@ def render(
     from texsss.baker import Baker, lasting_shelf
 
     with shown_progress() as progress:
-        Baker(shelf=lasting_shelf()).bake(scene, progress=progress).save_picture(out)
+        Baker(shelf=lasting_shelf(), sandbox=sandbox).bake(scene, progress=progress).save_picture(out)
     print(out)
 
 
@@ -70,6 +74,7 @@ def render(
 @takes_scene
 def inspect(
     scene: Scene,
+    sandbox: "Sandbox | None",
     as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the texture coordinates that shows where.")
@@ -81,7 +86,7 @@ def inspect(
     from texsss.baker import Baker
 
     with shown_progress() as progress:
-        found = Baker().inspect(scene, progress=progress, picture=picture)
+        found = Baker(sandbox=sandbox).inspect(scene, progress=progress, picture=picture)
     if as_json:
         print(json.dumps(found, indent=2))
         return
@@ -96,6 +101,7 @@ def inspect(
 @takes_scene
 def compare(
     scene: Scene,
+    sandbox: "Sandbox | None",
     out: Annotated[Path, typer.Option(help="Folder for table, numbers and sheet.")] = Path("compare"),
     method: Annotated[
         list[str] | None,
@@ -108,11 +114,13 @@ def compare(
 ) -> None:
     """Bakes a scene by several methods: pictures side by side, differences, errors and seconds."""
     writable(out)
+    from texsss.baker import Baker
     from texsss.compare import DEFAULT
     from texsss.compare import compare as compared
 
+    baker = Baker(sandbox=sandbox)
     with shown_progress() as progress:
-        found = compared(scene, tuple(method or DEFAULT), reference=reference, progress=progress)
+        found = compared(scene, tuple(method or DEFAULT), reference=reference, baker=baker, progress=progress)
         written = found.save(out)
     print(found.markdown())
     for path in written.values():
@@ -123,6 +131,7 @@ def compare(
 @takes_scene
 def map_(
     scene: Scene,
+    sandbox: "Sandbox | None",
     name: Annotated[
         str, typer.Option(help="irradiance, metric, through-mm, seam-jump, gaussian-3, …")
     ] = "irradiance",
@@ -137,7 +146,7 @@ def map_(
     from texsss.result import save_map
 
     with shown_progress() as progress:
-        found = Baker().intermediate(scene, name, progress=progress)
+        found = Baker(sandbox=sandbox).intermediate(scene, name, progress=progress)
     save_map(out, found)
     print(out)
 
@@ -243,6 +252,9 @@ def main(arguments: list[str] | None = None) -> None:
         code = app(args=given or ["--help"], standalone_mode=False)
     except TexsssError as error:
         say("error", "red", str(error))
+        sys.exit(EXIT_BAD_INPUT)
+    except MemoryError:
+        say("error", "red", "Memory: this does not fit; take a smaller atlas (--size), or decimate the mesh.")
         sys.exit(EXIT_BAD_INPUT)
     except typer.TyperException as error:  # an option or a command that is not understood
         said = " ".join(error.format_message().split()).rstrip(".?")

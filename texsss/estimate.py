@@ -1,8 +1,8 @@
 """What a bake is expected to cost, before it is run."""
 
-from texsss.cache import StageCache
+from dataclasses import dataclass
+
 from texsss.pipeline import Run
-from texsss.scene import Scene
 from texsss.surface._unwrap import LONG_S, unwrap_seconds
 from texsss.surface.atlas import examine_uv
 from texsss.surface.mesh import Mesh
@@ -19,21 +19,28 @@ OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
 RAYS_PER_SECOND = 1.5e6
 PROJECTED_FACES_PER_SECOND = 2.5e4  # where xatlas would take too long
+LARGE_FACES, LARGE_SIZE = 50_000, 2048  # from which it may take long
+LONG_BAKE_S = 10.0  # worth a word beforehand
 PACKED_SHARE = 0.7  # of the square that a made atlas covers
 
 
-def estimate(scene: Scene) -> dict[str, str]:
-    """Texels, memory and seconds that a bake of `scene` will take, as lines to show.
+@dataclass(frozen=True)
+class Estimate:
+    """What a bake is expected to cost: `seconds`, `memory` [bytes], `texels`; `atlas`: how it is made."""
 
-    Reads the mesh and the maps but bakes nothing. Raises TexsssError: as a bake would.
-    The seconds were measured on two cores of 2020s server hardware;
-    expect them within a factor of two.
+    seconds: float
+    memory: int
+    texels: int
+    share: float
+    atlas: str
+
+
+def estimate(run: Run) -> Estimate:
+    """The cost of a bake, within a factor of two; reads the mesh but bakes nothing.
+
+    The seconds were measured on two cores of 2020s server hardware. Raises TexsssError: of the mesh.
     """
-    run = Run(StageCache(0), scene)
-    (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps  # bad names and files are told now
-    _ = run.lights
-    if run.layered_textures:
-        _ = run.inner, run.outer_opacity
+    (mesh, _), scene = run.mesh.value, run.scene
     size, terms = scene.atlas.texels, scene.methods.terms
     unwraps = scene.atlas.uv in ("xatlas", "fallback") or (
         scene.atlas.uv == "auto" and not serves(mesh, size)
@@ -56,17 +63,43 @@ def estimate(scene: Scene) -> dict[str, str]:
         memory += texels * OPERATOR_BYTES
     if scene.methods.diffusion == "octree":
         seconds += texels * OCTREE_SECONDS
+    atlas = made if unwraps else "the texture coordinates serve"
+    return Estimate(seconds, memory, texels, share, atlas)
+
+
+def described(run: Run) -> dict[str, str]:
+    """The estimate as lines to show, after a look at everything that the scene names.
+
+    Raises TexsssError: as a bake would of names and files.
+    """
+    (mesh, notes), _, _ = run.mesh.value, run.stack, run.surface_maps
+    _ = run.lights
+    if run.layered_textures:
+        _ = run.inner, run.outer_opacity
+    cost, size = estimate(run), run.scene.atlas.texels
     width, height, depth = mesh.extent.tolist()
     lines = {
         "object": f"{width:.4g} × {height:.4g} × {depth:.4g} mm, {mesh.faces.shape[0]:,} faces",
-        "atlas": f"{size} × {size}, {made if unwraps else 'the texture coordinates serve'}",
-        "texels": f"{texels:,} ({share:.0%} of the square)",
-        "memory": f"{memory / 2**20:,.0f} MB at the peak",
-        "seconds": f"{seconds:.1f}",
+        "atlas": f"{size} × {size}, {cost.atlas}",
+        "texels": f"{cost.texels:,} ({cost.share:.0%} of the square)",
+        "memory": f"{cost.memory / 2**20:,.0f} MB at the peak",
+        "seconds": f"{cost.seconds:.1f}",
     }
     if notes.messages:
         lines["notes"] = " ".join(notes.messages)
     return lines
+
+
+def forewarning(run: Run) -> str | None:
+    """A sentence on how long a bake will take, if that is long; small ones are not looked at closely."""
+    (mesh, _), size = run.mesh.value, run.scene.atlas.texels
+    faces = mesh.faces.shape[0]
+    if faces < LARGE_FACES and size < LARGE_SIZE:
+        return None
+    cost = estimate(run)
+    if cost.seconds < LONG_BAKE_S:
+        return None
+    return f"{faces:,} faces at {size} × {size} ({cost.atlas}): about {cost.seconds:.0f} s; Ctrl-C stops."
 
 
 def serves(mesh: Mesh, size: int) -> bool:

@@ -5,6 +5,7 @@ from functools import cached_property
 from texsss import resolve
 from texsss.cache import Kept, StageCache
 from texsss.errors import DomainError, ShapeError
+from texsss.io.sandbox import Sandbox
 from texsss.light.thickness import far_side
 from texsss.light.visibility import Occluder
 from texsss.scene import Scene
@@ -24,9 +25,10 @@ class Ground(Stages):
         progress: Progress | None = None,
         cancel: Cancel | None = None,
         assets: resolve.Assets | None = None,
+        sandbox: Sandbox | None = None,
     ):
         super().__init__(cache, scene, progress, cancel)
-        self.assets = assets
+        self.assets, self.sandbox = assets, sandbox
 
     # surface
 
@@ -35,7 +37,12 @@ class Ground(Stages):
         """(Mesh [mm], notes)"""
         spec, content = self.scene.mesh, resolve.digest(self.scene.mesh.source, self.assets)
         return self.stage(
-            "mesh", lambda: resolve.load_mesh(spec, self.assets), content, spec.unit_mm, spec.up, spec.v
+            "mesh",
+            lambda: resolve.load_mesh(spec, self.assets, self.sandbox),
+            content,
+            spec.unit_mm,
+            spec.up,
+            spec.v,
         )
 
     @cached_property
@@ -85,7 +92,7 @@ class Ground(Stages):
         """A map by its name in the scene."""
         spec = self.scene.maps[name]
         depends = resolve.digest(spec.source, self.assets), spec.space, spec.channel
-        return self.stage("maps", lambda: resolve.load_map(spec, self.assets), *depends)
+        return self.stage("maps", lambda: resolve.load_map(spec, self.assets, self.sandbox), *depends)
 
     @cached_property
     def source_uv(self) -> Float[Tensor, "F 3 2"]:

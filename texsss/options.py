@@ -93,17 +93,33 @@ def _number(text: str | None) -> float | None:
         return None
 
 
+Untrusted = Annotated[
+    bool,
+    typer.Option("--untrusted", help="Read files in a child of limited memory (1.5 GB) and time (20 s)."),
+]
+
+
 def takes_scene(command: Callable[..., None]) -> Callable[..., None]:
-    """`command(scene, …)` as a command that takes a scene's options in the scene's place."""
-    own = list(inspect.signature(command).parameters.values())[1:]
+    """`command(scene, sandbox, …)` as a command that takes a scene's options in place of these two."""
+    own = list(inspect.signature(command).parameters.values())[2:]
     shared = list(inspect.signature(described).parameters.values())
+    doubt = inspect.Parameter(
+        "untrusted", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Untrusted
+    )
 
     @wraps(command)
-    def run(**options: Any) -> None:
+    def run(untrusted: bool, **options: Any) -> None:
         rest = {parameter.name: options.pop(parameter.name) for parameter in own}
-        command(described(**options), **rest)
+        scene = described(**options)
+        if not untrusted:
+            command(scene, None, **rest)
+            return
+        from texsss.io.sandbox import Sandbox  # torch takes its time: not for --help
 
-    parameters = [*shared, *own]
+        with Sandbox() as sandbox:
+            command(scene, sandbox, **rest)
+
+    parameters = [*shared, *own, doubt]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     del run.__wrapped__  # its signature is not the one to read

@@ -10,8 +10,10 @@ from typing import Any
 import torch
 
 from texsss.errors import AssetError, DomainError
-from texsss.io.images import read_image
+from texsss.io.files import read_bytes
+from texsss.io.images import MAX_PIXELS, read_image
 from texsss.io.meshes import MeshNotes, read_mesh
+from texsss.io.sandbox import Sandbox
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
@@ -88,14 +90,24 @@ def _file_digest(path: str, modified_ns: int, changed_ns: int, size: int) -> str
     return blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
 
 
-def load_mesh(spec: MeshSpec, assets: Assets | None = None) -> tuple[Mesh, MeshNotes]:
+def load_mesh(
+    spec: MeshSpec, assets: Assets | None = None, sandbox: Sandbox | None = None
+) -> tuple[Mesh, MeshNotes]:
     """The mesh [mm] of a scene and what had to be assumed about it."""
-    return read_mesh(locate(spec.source, assets), unit_mm=spec.unit_mm, up=spec.up, v=spec.v)
+    read = read_mesh if sandbox is None else sandbox.read_mesh
+    return read(locate(spec.source, assets), unit_mm=spec.unit_mm, up=spec.up, v=spec.v)
 
 
-def load_map(spec: MapSpec, assets: Assets | None = None) -> Float[Tensor, "H W C"]:
+def load_map(
+    spec: MapSpec, assets: Assets | None = None, sandbox: Sandbox | None = None
+) -> Float[Tensor, "H W C"]:
     """A map, linear; its chosen channel alone where one is chosen."""
-    return read_image(locate(spec.source, assets), spec.space, spec.channel)
+    path = locate(spec.source, assets)
+    if sandbox is None:
+        return read_image(path, spec.space, spec.channel)
+    data = read_bytes(path)
+    sandbox.examine_image(data, name=str(path), max_pixels=MAX_PIXELS)
+    return read_image(data, spec.space, spec.channel, name=str(path))  # the bytes that were examined
 
 
 def material_maps(scene: Scene) -> list[str]:

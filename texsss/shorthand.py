@@ -1,5 +1,8 @@
 """Lights in short, as the command line takes them: `point:300,400,700:3`."""
 
+import math
+from collections.abc import Sequence
+
 from texsss.errors import DomainError
 
 FORMS = {
@@ -9,11 +12,13 @@ FORMS = {
     "sky": "sky[:RADIANCE]",
     "spot": "spot:X,Y,Z:DX,DY,DZ[:W_PER_SR]",
     "ball": "ball:X,Y,Z:RADIUS_MM[:RADIANCE]",
+    "panel": "panel:X,Y,Z:DX,DY,DZ:WIDTH_MM,HEIGHT_MM[:RADIANCE]",
 }
 """Name → form. X,Y,Z are mm, but towards the sun; the last part is one number, or R,G,B."""
 
 
 ONE, DAYLIGHT = [1.0], [3.0]
+UPRIGHT = 0.999  # cosine to the vertical from which a panel's height points to the back instead of up
 
 
 def light(text: str) -> dict:
@@ -81,4 +86,38 @@ def _ball(position: list[float], radius: list[float], radiance: list[float] = ON
     }
 
 
-_READERS = {"studio": _studio, "point": _point, "sun": _sun, "sky": _sky, "spot": _spot, "ball": _ball}
+def _panel(
+    position: list[float], direction: list[float], edges: list[float], radiance: list[float] = ONE
+) -> dict:
+    width, height = edges
+    (dx, dy, dz), length = direction, math.hypot(*direction)
+    if not (0 < length < math.inf):
+        raise ValueError("a direction")
+    towards = (dx / length, dy / length, dz / length)
+    upright = (0.0, 0.0, -1.0) if abs(towards[1]) > UPRIGHT else (0.0, 1.0, 0.0)
+    across = _cross(upright, towards)
+    scale = 1 / math.hypot(*across)
+    across = [scale * number for number in across]
+    along = _cross(towards, across)  # width × height is where it shines
+    return {
+        "type": "rectangle",
+        "position_mm": _vector(position),
+        "width_mm": [width * number for number in across],
+        "height_mm": [height * number for number in along],
+        "radiance": _colour(radiance),
+    }
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+_READERS = {
+    "studio": _studio,
+    "point": _point,
+    "sun": _sun,
+    "sky": _sky,
+    "spot": _spot,
+    "ball": _ball,
+    "panel": _panel,
+}
