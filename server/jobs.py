@@ -97,6 +97,11 @@ class Job:
                 return
             await changed.wait()
 
+    async def end(self) -> None:
+        """Returns when it is finished or the service stops."""
+        async for _ in self.follow():
+            pass
+
 
 class Jobs:
     """The jobs of all clients, known by ids that nobody guesses. Finished ones expire."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import time
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
@@ -11,7 +12,7 @@ from fastapi.responses import JSONResponse
 from starlette.responses import Response
 from texsss_server.answers import Answer, Answers, matches
 from texsss_server.assets import Store
-from texsss_server.jobs import Jobs
+from texsss_server.jobs import Job, Jobs
 from texsss_server.metrics import Metrics
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
@@ -21,6 +22,8 @@ from texsss.errors import Cancelled, TexsssError
 from texsss.scene import Scene
 
 log = logging.getLogger("texsss.server")
+
+LONGEST_WAIT_S = 10
 
 
 class Service:
@@ -118,25 +121,56 @@ class Service:
         """The answer of `call` under the ETag `tag`; a job of a `kind` if the client prefers that."""
         if matches(request.headers.get("if-none-match"), tag):
             return Response(status_code=304, headers=_caching(tag))
-        call = _told(call, getattr(request.state, "sent", None))
-        if kind is not None and "respond-async" in request.headers.get("prefer", "").lower():
-            return await self._accepted(kind, call)
         known = self.answers.get(tag)
-        if known is None:
+        if known is not None:
+            self.metrics.hits.inc()
+            return success(known, _caching(tag))
+        call = _told(call, getattr(request.state, "sent", None))
+        prefer = request.headers.get("prefer", "").lower()
+        if kind is not None and "respond-async" in prefer:
+            job = await self._job(request, kind, call, _wait_s(prefer))
+            if job.answer is None:
+                return _accepted(job)
+            known = job.answer
+            self.jobs.remove(job)
+        else:
             known = await self.run(request, call, drafts_of=drafts_of)
-            self.answers.put(tag, known)
-            return success(known, _caching(tag) | _timing(known))
-        self.metrics.hits.inc()
-        return success(known, _caching(tag))
+        self.answers.put(tag, known)
+        return success(known, _caching(tag) | _timing(known))
 
-    async def _accepted(self, kind: Literal["render", "bake"], call: Callable[..., Answer]) -> Response:
+    async def _job(
+        self, request: Request, kind: Literal["render", "bake"], call: Callable[..., Answer], wait_s: int
+    ) -> Job:
+        """A job for `call`, which ends here if that takes at most `wait_s`. Raises Problem."""
         if self.unready:
             raise self.unready
         job = await self.jobs.start(kind, call)
-        view = job.view()
-        headers = {"location": view.links.self, "preference-applied": "respond-async"}
-        headers["cache-control"] = "no-store"
-        return JSONResponse(view.model_dump(mode="json"), 202, headers)
+        if not wait_s:
+            return job
+        end = asyncio.ensure_future(job.end())
+        gone = asyncio.ensure_future(_gone(request))
+        await asyncio.wait({end, gone}, timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
+        end.cancel()
+        if gone.done() and not job.finished:
+            self.jobs.remove(job)  # nobody else knows of it
+        gone.cancel()
+        if job.problem is not None:
+            self.jobs.remove(job)
+            raise job.problem
+        return job
+
+
+def _accepted(job: Job) -> Response:
+    view = job.view()
+    headers = {"location": view.links.self, "preference-applied": "respond-async"}
+    headers["cache-control"] = "no-store"
+    return JSONResponse(view.model_dump(mode="json"), 202, headers)
+
+
+def _wait_s(prefer: str) -> int:
+    """How long a client waits before a job is made of its request (RFC 7240, section 4.3)."""
+    found = re.search(r"\bwait\s*=\s*(\d{1,6})", prefer)
+    return min(int(found[1]), LONGEST_WAIT_S) if found else 0
 
 
 def success(answer: Answer, headers: dict[str, str]) -> Response:

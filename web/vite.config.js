@@ -1,6 +1,19 @@
 import { defineConfig } from "vite";
 
+/** Names the studio in the page itself, so that it is fetched before the script that starts it has run. */
+const fetchedEarly = {
+  name: "fetched-early",
+  transformIndexHtml: {
+    order: "post",
+    handler: (_, { bundle = {} }) =>
+      Object.values(bundle)
+        .filter((one) => one.isDynamicEntry)
+        .map((one) => ({ tag: "link", attrs: { rel: "modulepreload", crossorigin: true, href: `/${one.fileName}` }, injectTo: "head" })),
+  },
+};
+
 export default defineConfig({
+  plugins: [fetchedEarly],
   base: "/",
   build: {
     outDir: "../server/static",

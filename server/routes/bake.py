@@ -33,7 +33,8 @@ router = APIRouter()
 async def bake(request: Request, scene: SceneBody, service: TheService) -> Response:
     """The baked scene as a GLB, or a ZIP of all its files, as Accept prefers.
 
-    Long work: `Prefer: respond-async` makes it a job.
+    Long work: `Prefer: respond-async` makes it a job; with `wait=S` besides, only if it takes longer than S
+    seconds.
     """
     media_type = accepted(request, FORMATS)
     return await service.answer(

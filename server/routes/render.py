@@ -72,7 +72,8 @@ async def render(
     """The scene's picture, or an intermediate image over its atlas, in the format that Accept prefers.
 
     `quality=draft` lowers atlas, resolution and samples for speed; with `X-Client-Id`, a draft takes the
-    place of that client's older ones. With `Prefer: respond-async` it becomes a job.
+    place of that client's older ones. With `Prefer: respond-async` it becomes a job; with `wait=S` besides,
+    only if it takes longer than S seconds.
     """
     media_type = accepted(request, FORMATS)
     draft = query.quality == "draft"

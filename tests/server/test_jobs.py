@@ -55,6 +55,21 @@ def test_job_from_start_to_result(client, small, path, kind):
     problem(client.get(job["links"]["self"]), 404, "not-found")
 
 
+def test_a_job_is_made_only_of_what_takes_long(client, small):
+    """RFC 7240, section 4.3: `wait` bounds how long the client waits before it is told of a job."""
+    scene, patient = small | {"seed": 21}, {"prefer": "respond-async, wait=10"}
+    answer = client.post("/v1/render", json=scene, headers=patient)
+    assert answer.status_code == 200 and answer.headers["content-type"] == "image/png"
+    again = client.post("/v1/render", json=scene, headers=ASYNC)
+    assert again.status_code == 200, "what is kept needs no job"
+    assert (again.content, again.headers["etag"]) == (answer.content, answer.headers["etag"])
+    hasty = client.post("/v1/render", json=slow(small, 22), headers={"prefer": "respond-async, wait=1"})
+    assert hasty.status_code == 202
+    assert client.delete(hasty.json()["links"]["self"]).status_code == 204
+    wrong = small | {"mesh": {"source": {"builtin": "nothing.obj"}}}
+    problem(client.post("/v1/render", json=wrong, headers=patient), 422, "invalid-parameters")
+
+
 def test_result_too_early_then_cancelled(client, small):
     job = accepted(client, slow(small, 12), "/v1/render")
     problem(client.get(job["links"]["result"]), 409, "not-ready")

@@ -56,12 +56,46 @@ interface Options {
   progress?: (stage: string, fraction: number) => void;
 }
 
+/** What was asked before the one who needs it is there. */
+interface Begun {
+  answer: Promise<Response>;
+  abort: AbortController;
+  progress?: Options["progress"];
+}
+
+const begun = new Map<string, Begun>();
+
+const named = (url: string, scene: object, { accept = "" }: Options): string => `${url} ${accept} ${JSON.stringify(scene)}`;
+
+/** Asks already; the same request gets this answer, once. */
+export function ahead(url: string, scene: object, options: Options = {}): void {
+  const one: Partial<Begun> = { abort: new AbortController() };
+  const progress = options.progress && ((stage: string, fraction: number) => one.progress?.(stage, fraction));
+  one.answer = post(url, scene, { ...options, progress, signal: one.abort!.signal });
+  one.answer.catch(() => undefined); // the one who needs it hears
+  begun.set(named(url, scene, options), one as Begun);
+}
+
+/** The answer that was asked for ahead, as if it were asked for now. */
+function taken(url: string, scene: object, options: Options): Promise<Response> | null {
+  const name = named(url, scene, options);
+  const one = begun.get(name);
+  if (!one || options.client) return null;
+  begun.delete(name);
+  one.progress = options.progress;
+  const { signal } = options;
+  signal?.addEventListener("abort", () => one.abort.abort(signal.reason));
+  return one.answer;
+}
+
 /** POSTs a scene; work that waits for its turn or a full queue is asked for again. */
 async function post(url: string, scene: object, options: Options = {}): Promise<Response> {
+  const early = taken(url, scene, options);
+  if (early) return early;
   const headers: Record<string, string> = { "content-type": "application/json" };
   if (options.accept) headers.accept = options.accept;
   if (options.client) headers["x-client-id"] = options.client;
-  if (options.progress) headers.prefer = "respond-async";
+  if (options.progress) headers.prefer = "respond-async, wait=1"; // a job only where progress is worth showing
   const body = JSON.stringify(scene);
   for (let tries = 0; ; tries++) {
     try {
@@ -108,6 +142,19 @@ export function sleep(ms: number, signal?: AbortSignal): Promise<void> {
   });
 }
 
+export const GLB = "model/gltf-binary";
+export const PNG = "image/png";
+/** Images as half floats. */
+export const NPY = "application/x-npy";
+
+/** Where parts of a scene are asked for. */
+export const ASKED = {
+  geometry: "/v1/geometry",
+  showing: "/v1/showing",
+  map: (name: string): string => `/v1/map?name=${encodeURIComponent(name)}`,
+  image: (image: string): string => `/v1/render?image=${image}`,
+};
+
 export const api = {
   async ready(): Promise<boolean> {
     try {
@@ -123,21 +170,20 @@ export const api = {
     return (await ask("/v1/presets", { signal })).json();
   },
   async showing(scene: object, options?: Options): Promise<Showing> {
-    return (await post("/v1/showing", scene, options)).json();
+    return (await post(ASKED.showing, scene, options)).json();
   },
   async geometry(scene: object, options?: Options): Promise<ArrayBuffer> {
-    return (await post("/v1/geometry", scene, { ...options, accept: "model/gltf-binary" })).arrayBuffer();
+    return (await post(ASKED.geometry, scene, { ...options, accept: GLB })).arrayBuffer();
   },
   async map(scene: object, name: string, options?: Options): Promise<Blob> {
-    const url = `/v1/map?name=${encodeURIComponent(name)}`;
-    return (await post(url, scene, { ...options, accept: "image/png" })).blob();
+    return (await post(ASKED.map(name), scene, { ...options, accept: PNG })).blob();
   },
   async image(scene: object, image: string, options?: Options): Promise<Response> {
     const quality = options?.client ? "&quality=draft" : "";
-    return post(`/v1/render?image=${image}${quality}`, scene, options);
+    return post(`${ASKED.image(image)}${quality}`, scene, options);
   },
   async bake(scene: object, options?: Options): Promise<Blob> {
-    return (await post("/v1/bake", scene, { ...options, accept: "model/gltf-binary" })).blob();
+    return (await post("/v1/bake", scene, { ...options, accept: GLB })).blob();
   },
   async profile(scene: object, options?: Options): Promise<Profile> {
     return (await post("/v1/profile", scene, options)).json();

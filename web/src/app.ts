@@ -12,6 +12,7 @@ import { Files } from "./files";
 import { expanded } from "./lights";
 import { Live } from "./live";
 import { Marching } from "./marching";
+import type { Opening } from "./opening";
 import { BeneathSection } from "./panels/beneath";
 import { InsidePanel } from "./panels/inside";
 import { LayersPanel } from "./panels/layers";
@@ -21,12 +22,12 @@ import { MethodPanel } from "./panels/method";
 import { ObjectPanel } from "./panels/object";
 import { ProfilePanel } from "./panels/profile";
 import { Tabs } from "./panels/tabs";
-import type { Shared } from "./share";
-import { bakedPart, fromScene, type State, toScene } from "./state";
+import { bakedPart } from "./parts";
+import { fromScene, type State, toScene } from "./state";
 import { Status } from "./status";
 import { Store } from "./store";
 import { clearProblems, showProblem } from "./toast";
-import type { Preset, Scene, Showing } from "./types";
+import type { Scene, Showing } from "./types";
 import { LightHandle } from "./view/handle";
 import { dressLook } from "./view/look";
 import type { Pose } from "./view/orbit";
@@ -37,6 +38,11 @@ const BACKDROP: Showing["background"] = [
   [0.075, 0.082, 0.092],
 ];
 const HOME = [0.62, 0.36, 0.7] as const; // where other meshes are seen from
+
+const PATIENCE_MS = 1500; // of the panels with the first picture
+
+/** Shows all that stands around the picture, which costs as much to paint as the picture where no graphics card does it. */
+const furnished = (): void => document.body.classList.remove("opening");
 
 /** A file's name as people say it. */
 const spoken = (name: string): string => (name.charAt(0).toUpperCase() + name.slice(1)).replace(/[-_]/g, " ");
@@ -68,11 +74,10 @@ export class App {
   private profileTimer = 0;
   private baking: AbortController | null = null;
 
-  constructor(scenes: { name: string; summary: string; scene: Scene }[], presets: Preset[], shared: Shared | null) {
-    const scene = { ...scenes[0].scene, ...shared?.scene } as Scene;
+  constructor({ scenes, presets, shared, initial, state }: Opening) {
     this.camera = scenes[0].scene.camera;
-    this.initial = fromScene(scene, presets);
-    const store = (this.store = new Store(shared?.state ?? structuredClone(this.initial)));
+    this.initial = initial;
+    const store = (this.store = new Store(state));
     this.pose = shared?.pose ?? null;
     const find = (id: string) => document.getElementById(id)!;
     const overlay = find("overlay");
@@ -102,9 +107,10 @@ export class App {
       },
       light: (texture, final) => {
         viewer.setLight("B", texture);
+        requestAnimationFrame(() => requestAnimationFrame(furnished));
         if (final) this.inside.values(final);
       },
-      map: (kind, coded, srgb) => void viewer.setMap(kind, coded, srgb),
+      map: (kind, coded, srgb) => viewer.setMap(kind, coded, srgb),
       settled: () => {
         clearProblems();
         this.drawProfile();
@@ -231,6 +237,7 @@ export class App {
       if (!store.editing) this.address.remember();
     });
     this.show();
+    setTimeout(furnished, PATIENCE_MS);
     this.address.restore(shared?.view);
     this.live.want(store.state, false);
   }

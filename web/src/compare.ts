@@ -3,7 +3,8 @@
 import { api } from "./api";
 import { h, iconButton, plain } from "./dom";
 import { Live } from "./live";
-import { bakedPart, type State, toScene } from "./state";
+import { bakedPart } from "./parts";
+import { type State, toScene } from "./state";
 import { showProblem } from "./toast";
 import type { Light, Showing } from "./types";
 import { dressLook } from "./view/look";

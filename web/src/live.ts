@@ -1,7 +1,8 @@
 // Keeps the picture up with the scene: a draft while it changes, the whole when it rests.
 
-import { api, clientName, Offline, Problem, sleep } from "./api";
-import { bakedPart, toScene, type State } from "./state";
+import { api, clientName, NPY, Offline, Problem, sleep } from "./api";
+import { bakedPart, DRAFT, type Baked, draftPart, groundPart, mapPart, shownMaps } from "./parts";
+import { toScene, type State } from "./state";
 import type { Scene, Showing } from "./types";
 import { parseGlb } from "./view/glb";
 import { type HalfImage, parseNpy, rangeOf } from "./view/npy";
@@ -9,9 +10,8 @@ import type { MapName } from "./view/look";
 import { fromBlob, fromHalf } from "./view/textures";
 import type { BufferGeometry, Texture } from "three";
 
-const DRAFT = 256; // edge of the lightmap while something moves; the service warms this size
 const REST_MS = 220;
-const NPY = "application/x-npy";
+const PATIENCE_MS = 1500; // of the first picture with its maps
 const HEADROOM = 1.3; // of drafts over the greatest value seen, which they clip
 
 export interface Badge {
@@ -27,13 +27,11 @@ export interface LiveEvents {
   /** Lights and indices; `geometry` where the mesh is another. Without this event neither is asked for. */
   ground?(showing: Showing, geometry: BufferGeometry | null): void;
   light(texture: Texture, final: HalfImage | null): void;
-  map?(kind: MapName, coded: Blob | null, srgb: boolean): void;
+  map?(kind: MapName, coded: Blob | null, srgb: boolean): Promise<void>;
   settled?(): void;
   problem(error: unknown): void;
   online?(yes: boolean): void;
 }
-
-type Baked = ReturnType<typeof bakedPart>;
 
 export class Live {
   private wanted: Baked | null = null;
@@ -47,6 +45,7 @@ export class Live {
   private geometryKey = "";
   private grounds = new Set<string>(); // meshes and sizes that are known to be quick
   private maps: Record<string, string> = {};
+  private dressing: Promise<void> = Promise.resolve(); // while maps are on their way
   private readonly client = clientName();
   private bound = 0; // greatest value of the light on screen
   private wake: () => void = () => undefined;
@@ -73,7 +72,7 @@ export class Live {
     this.wanted = baked;
     this.changedAt = performance.now();
     this.final?.abort(new DOMException("stale", "AbortError"));
-    if (this.events.map) void this.showMaps(scene);
+    if (this.events.map) this.dressing = this.showMaps(scene, this.events.map);
     this.wake();
     if (!this.running) void this.run();
   }
@@ -167,8 +166,7 @@ export class Live {
       : undefined;
     if (heavy) {
       progress?.("surface", 0);
-      const only = { mesh: scene.mesh, atlas: scene.atlas };
-      const buffer = await api.geometry(only, { signal: abort.signal, progress });
+      const buffer = await api.geometry(groundPart(scene), { signal: abort.signal, progress });
       const showing = (this.showing = await api.showing(scene, { signal: abort.signal }));
       const other = showing.geometry !== this.geometryKey;
       if (other) this.bound = 0;
@@ -189,7 +187,7 @@ export class Live {
   private async draw(scene: Baked, draft: boolean): Promise<void> {
     const start = performance.now();
     const size = draft ? Math.min(DRAFT, scene.atlas.size) : scene.atlas.size;
-    const sized = { ...scene, atlas: draft ? { ...scene.atlas, raster: size } : scene.atlas };
+    const sized = draft ? draftPart(scene) : scene;
     const ground = `${groundOf(scene)} ${size} ${scene.methods.diffusion} ${scene.methods.terms}`;
     const known = this.grounds.has(ground);
     const abort = new AbortController();
@@ -211,6 +209,7 @@ export class Live {
       const image = parseNpy(await response.arrayBuffer());
       this.bound = Math.max(rangeOf(image).high, 1e-6);
       if (!draft) this.values = image;
+      if (this.settles === 0) await Promise.race([this.dressing, sleep(PATIENCE_MS)]); // not grey first, then coloured
       this.events.light(fromHalf(image), draft ? null : image);
     }
     this.grounds.add(ground);
@@ -221,26 +220,19 @@ export class Live {
   }
 
   /** The maps that the page's own shader uses. */
-  private async showMaps(scene: Omit<Scene, "camera">): Promise<void> {
-    const { albedo, albedo_mode, roughness, specular, normal } = scene.material.surface;
-    const wanted = {
-      albedo: albedo_mode === "pre" ? undefined : albedo,
-      roughnessMap: typeof roughness === "string" ? roughness : undefined,
-      specularMap: typeof specular === "string" ? specular : undefined,
-      normalMap: normal,
-    };
-    for (const [kind, name] of Object.entries(wanted) as [keyof typeof wanted, string | undefined][]) {
+  private async showMaps(scene: Omit<Scene, "camera">, show: NonNullable<LiveEvents["map"]>): Promise<void> {
+    for (const [kind, name] of Object.entries(shownMaps(scene)) as [MapName, string | undefined][]) {
       const spec = name === undefined ? undefined : scene.maps[name];
       const key = spec ? JSON.stringify(spec) : "";
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
       if (!spec || !name) {
-        this.events.map?.(kind, null, false);
+        void show(kind, null, false);
         continue;
       }
       try {
-        const blob = await api.map({ maps: { [name]: spec } }, name);
-        if (this.maps[kind] === key) this.events.map?.(kind, blob, (spec.space ?? "linear") === "srgb");
+        const blob = await api.map(mapPart(scene, name), name);
+        if (this.maps[kind] === key) await show(kind, blob, (spec.space ?? "linear") === "srgb");
       } catch (error) {
         this.maps[kind] = "";
         if (!(error instanceof Offline)) this.events.problem(error);
@@ -260,7 +252,4 @@ function placeOf(scene: Baked): string {
   return JSON.stringify([groundOf(scene), studio ? lights : [], eta, terms, diffusion, material.surface]);
 }
 
-/** What mesh and atlas are made from. */
-function groundOf(scene: { mesh: object; atlas: object }): string {
-  return JSON.stringify([scene.mesh, scene.atlas]);
-}
+const groundOf = (scene: Baked): string => JSON.stringify(groundPart(scene));

@@ -1,10 +1,10 @@
-// The page: starts when the service is ready, and joins the parts.
+// The page: asks for what the first picture needs, loads what shows it, and starts when the service is ready.
 
 import { api, Offline, sleep } from "./api";
-import { App } from "./app";
 import { h } from "./dom";
-import { readHash } from "./share";
+import { opening } from "./opening";
 import { toast } from "./toast";
+import { prepared } from "./view/context";
 
 async function ready(): Promise<void> {
   const screen = h("div", { class: "splash", role: "status" }, h("div", { class: "orb" }), h("p", null, "Starting the service…"));
@@ -22,17 +22,15 @@ async function ready(): Promise<void> {
 }
 
 async function start(): Promise<void> {
-  // asked at once: a service that is ready answers all three together
-  const known = () => Promise.all([api.scenes(), api.presets()]);
-  const early = known().catch(() => null);
+  // asked at once: a service that is ready answers all together
+  const early = opening().catch(() => null);
+  const studio = import("./app");
   await ready();
-  const [scenes, presets] = (await early) ?? (await known());
-  const given = await readHash(location.hash).catch((error) => {
-    toast("The link could not be read", String(error));
-    return null;
-  });
-  const app = new App(scenes, presets, given);
-  Object.assign(window, { texsss: app }); // for tests, and for the curious
+  const given = (await early) ?? (await opening());
+  prepared(document.getElementById("canvas") as HTMLCanvasElement); // while the studio is on its way
+  const { App } = await studio;
+  if (given.fault) toast("The link could not be read", given.fault);
+  Object.assign(window, { texsss: new App(given) }); // for tests, and for the curious
 }
 
 start().catch((error) => {

@@ -106,23 +106,3 @@ export function toScene(state: State): Omit<Scene, "camera"> {
   });
   return { version: 1, ...rest, media, material: { layers: specs, surface } };
 }
-
-/** What the baked light depends on: what the page's own shader does and what is marched for a view is left out. */
-export function bakedPart(scene: Omit<Scene, "camera">): Omit<Scene, "camera" | "output"> {
-  const { output: _output, ...rest } = scene;
-  const methods: Scene["methods"] = { ...rest.methods, single_scattering: "none", march_samples: 4 };
-  delete methods.march;
-  const { albedo, albedo_mode, normalise, normal, normal_y } = scene.material.surface;
-  const lights = rest.lights;
-  const used = new Set<string>(
-    JSON.stringify([rest.material.layers, rest.media, rest.lights, albedo, normal, methods.diffusion === "parallax" && methods.parallax]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
-  );
-  const maps = Object.fromEntries(Object.entries(rest.maps).filter(([name]) => used.has(name)));
-  const surface = strip({ albedo, albedo_mode, normalise, normal, normal_y });
-  return { ...rest, methods, lights, maps, material: { layers: rest.material.layers, surface } };
-}
-
-/** The object without fields that are undefined. */
-function strip<T extends object>(value: T): T {
-  return Object.fromEntries(Object.entries(value).filter(([, one]) => one !== undefined)) as T;
-}

@@ -1,7 +1,6 @@
 // How far light travels: the profile R(r), and every length in mm and in texels.
 
 import uPlot from "uplot";
-import "uplot/dist/uPlot.min.css";
 import { section } from "../controls";
 import { h, plain } from "../dom";
 import type { Profile, Rings, Showing } from "../types";

@@ -30,7 +30,6 @@ export class Backdrop {
   constructor(tone: ReturnType<typeof toneUniforms>) {
     this.material = new ShaderMaterial({
       glslVersion: GLSL3,
-      depthTest: false,
       depthWrite: false,
       defines: { TONEMAP: 0 },
       uniforms: { ...tone, top: this.top, bottom: this.bottom },
@@ -38,7 +37,7 @@ export class Backdrop {
       fragmentShader: FRAGMENT,
     });
     this.mesh = new Mesh(new PlaneGeometry(2, 2, 1, STRIPS), this.material);
-    this.mesh.renderOrder = -1;
+    this.mesh.renderOrder = 1; // last, and only where nothing stands before it
     this.mesh.frustumCulled = false;
   }
 

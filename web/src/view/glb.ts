@@ -25,7 +25,8 @@ export function parseGlb(buffer: ArrayBuffer): BufferGeometry {
   };
   const primitive = document.meshes[0].primitives[0];
   const names = primitive.attributes as Record<string, number>;
-  const position = array(Float32Array, names.POSITION).map((metres) => metres * MM_PER_METRE);
+  const position = array(Float32Array, names.POSITION).slice();
+  for (let i = 0; i < position.length; i++) position[i] *= MM_PER_METRE;
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(position, 3));
   geometry.setAttribute("normal", new BufferAttribute(array(Float32Array, names.NORMAL), 3));

@@ -12,6 +12,7 @@ export class Pace {
   private before = 0;
   private late = 0;
   private movedAt = -Infinity;
+  private asked = false; // for a frame of a movement, which is owed however late it comes
   private quickly = false; // how the frame on screen was drawn
   /** Of the pixels along an edge, in frames that are drawn quickly. */
   share = 0.6;
@@ -28,11 +29,13 @@ export class Pace {
   /** Asks for a frame; `moving`: more will follow. */
   ask(moving: boolean): void {
     this.dirty = true;
-    if (moving) this.movedAt = performance.now();
+    if (!moving) return;
+    this.asked = true;
+    this.movedAt = performance.now();
   }
 
   private readonly step = (now: number): void => {
-    const moving = now - this.movedAt < REST_MS;
+    const moving = this.asked || now - this.movedAt < REST_MS;
     if (this.dirty) {
       if (this.before) this.judge(now - this.before);
       this.before = now;
@@ -45,7 +48,7 @@ export class Pace {
   };
 
   private paint(quickly: boolean): void {
-    this.dirty = false;
+    this.dirty = this.asked = false;
     this.quickly = quickly;
     this.draw(quickly);
   }

@@ -11,7 +11,7 @@ import { DITHER, TONE } from "./tone";
 export const LIGHTS = 8;
 
 /** Texels along the edge of the picture of a ball that frames are glossed by when they must come soon. */
-export const BALL = 64;
+export const BALL = 32;
 
 /** What the surface shows, by number. */
 export const SHOWS = { picture: 0, light: 1, data: 2, direction: 3 } as const;

@@ -36,7 +36,14 @@ export class Surface {
     this.quick = null;
     this.making?.cancel();
     this.making = null;
-    this.mesh.visible = true;
+    this.mesh.visible = false; // until there is light for it
+  }
+
+  /** Shows the mesh, which has light now; whether it was unseen. */
+  light(): boolean {
+    const unseen = !this.mesh.visible;
+    this.mesh.visible = this.geometry !== null;
+    return unseen;
   }
 
   /** Makes what quick frames show; for those who draw slowly. */

@@ -13,8 +13,8 @@ import {
   SRGBColorSpace,
   Texture,
 } from "three";
-import { decode } from "../material";
-import { type HalfImage, rgba, toHalf } from "./npy";
+import type { Decoded } from "./decode.worker";
+import { type HalfImage, rgba } from "./npy";
 
 /** A grey texel, where nothing has been loaded. */
 export const blank = new DataTexture(new Uint8Array([0, 0, 0, 255]), 1, 1);
@@ -25,6 +25,9 @@ export function fromHalf(image: HalfImage): Texture {
   return data(rgba(image), image.width, image.height);
 }
 
+/** How bitmaps are made of coded images: nothing is converted. */
+const AS_CODED: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+
 function data(values: Uint16Array<ArrayBuffer>, width: number, height: number): Texture {
   const texture = new DataTexture(values, width, height, RGBAFormat, HalfFloatType);
   texture.minFilter = texture.magFilter = LinearFilter;
@@ -34,11 +37,9 @@ function data(values: Uint16Array<ArrayBuffer>, width: number, height: number): 
   return texture;
 }
 
-const bitmapOf = (blob: Blob) => createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
-
 /** A coded image: `srgb` values are decoded by the graphics card. */
 export async function fromBlob(blob: Blob, srgb: boolean): Promise<Texture> {
-  const texture = new Texture(await bitmapOf(blob));
+  const texture = new Texture(await createImageBitmap(blob, AS_CODED));
   texture.flipY = false;
   texture.colorSpace = srgb ? SRGBColorSpace : NoColorSpace;
   texture.wrapS = texture.wrapT = ClampToEdgeWrapping;
@@ -48,9 +49,9 @@ export async function fromBlob(blob: Blob, srgb: boolean): Promise<Texture> {
   return texture;
 }
 
-/** A coded map that may tile. `decoded`: here, once, where no graphics card would do it at every pixel. */
+/** A coded map that may tile. `decoded`: once, beside the page, where no graphics card would do it at every pixel. */
 export async function mapOf(blob: Blob, srgb: boolean, decoded: boolean): Promise<Texture> {
-  const texture = decoded ? decodedHere(await bitmapOf(blob), srgb) : await fromBlob(blob, srgb);
+  const texture = await (decoded ? decodedBeside(blob, srgb) : fromBlob(blob, srgb));
   texture.wrapS = texture.wrapT = RepeatWrapping;
   texture.minFilter = decoded ? LinearMipmapNearestFilter : LinearMipmapLinearFilter;
   texture.generateMipmaps = true;
@@ -58,14 +59,12 @@ export async function mapOf(blob: Blob, srgb: boolean, decoded: boolean): Promis
   return texture;
 }
 
-function decodedHere(bitmap: ImageBitmap, srgb: boolean): Texture {
-  const { width, height } = bitmap;
-  const canvas = new OffscreenCanvas(width, height);
-  const context = canvas.getContext("2d", { willReadFrequently: true })!;
-  context.drawImage(bitmap, 0, 0);
-  const bytes = context.getImageData(0, 0, width, height).data;
-  const table = Uint16Array.from({ length: 256 }, (_, level) => toHalf(srgb ? decode(level / 255) : level / 255));
-  const values = new Uint16Array(bytes.length);
-  for (let i = 0; i < bytes.length; i++) values[i] = table[bytes[i]];
-  return data(values, width, height);
+/** Made beside the page, which goes on meanwhile. */
+function decodedBeside(coded: Blob, srgb: boolean): Promise<Texture> {
+  const worker = new Worker(new URL("./decode.worker.ts", import.meta.url), { type: "module" });
+  return new Promise<Texture>((done, fail) => {
+    worker.onmessage = ({ data: { values, width, height } }: MessageEvent<Decoded>) => done(data(values, width, height));
+    worker.onerror = (event) => fail(new Error(event.message || "the image could not be decoded"));
+    worker.postMessage({ coded, srgb });
+  }).finally(() => worker.terminate());
 }

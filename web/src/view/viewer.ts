@@ -3,6 +3,7 @@
 import { type BufferGeometry, PerspectiveCamera, Scene, type Texture, Vector3, WebGLRenderer } from "three";
 import type { Showing, Tonemap, Triple } from "../types";
 import { Backdrop } from "./backdrop";
+import { prepared } from "./context";
 import { Cuts } from "./cuts";
 import { framing } from "./framing";
 import { type Look, type MapName, newLook } from "./look";
@@ -18,25 +19,6 @@ export interface ViewerEvents extends OrbitEvents {
 }
 
 const MOST_PIXELS_PER_PIXEL = 2;
-
-/** Whether no graphics card draws: then every pixel and every triangle costs. */
-function isSoftware(gl: WebGL2RenderingContext | null): boolean {
-  const info = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
-  return /swiftshader|llvmpipe|software|basic render/i.test(name);
-}
-
-/** The canvas with its context; another canvas takes its place where a graphics card can smooth edges. */
-function prepared(canvas: HTMLCanvasElement): { canvas: HTMLCanvasElement; context: WebGL2RenderingContext | undefined; slow: boolean } {
-  // opaque, so that the browser need not draw what lies behind, nor blend
-  const options = { alpha: false, powerPreference: "high-performance" } as const;
-  const coarse = canvas.getContext("webgl2", { ...options, antialias: false });
-  if (isSoftware(coarse)) return { canvas, context: coarse!, slow: true };
-  coarse?.getExtension("WEBGL_lose_context")?.loseContext();
-  const smooth = canvas.cloneNode() as HTMLCanvasElement;
-  canvas.replaceWith(smooth);
-  return { canvas: smooth, context: smooth.getContext("webgl2", { ...options, antialias: true }) ?? undefined, slow: false };
-}
 
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
@@ -180,7 +162,8 @@ export class Viewer {
     discard(look.light, texture);
     look.light = texture;
     look.scale = texture.userData.scale ?? 1;
-    this.redraw();
+    // the first picture quickly where that helps, the whole right after
+    this.redraw(side === "B" && this.surface.light());
   }
 
   /** A coded image, or none, as a map of the surface; of two calls the later counts. */
