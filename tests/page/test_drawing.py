@@ -12,7 +12,7 @@ def test_moving_frames_are_coarser_and_rest_is_whole(visit):
     sizes = page.evaluate(
         """() => new Promise((done) => {
           const { viewer } = texsss;
-          Object.defineProperty(viewer.pace, 'share', { get: () => 0.5, set: () => {} }); // however much time there is
+          Object.defineProperty(viewer.pace, 'share', { get: () => 0.5, set: () => {} });
           const sizes = [viewer.canvas.width];
           let left = 4;
           const step = () => {
