@@ -54,7 +54,7 @@ def _placed(spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
         case EnvironmentSpec():
             image = images[spec.map or ""]
             tinted = image.expand(-1, -1, 3) * image.new_tensor(spec.radiance)
-            return [ImageEnvironment(tinted, math.radians(spec.rotation_deg))]
+            return [ImageEnvironment(tinted, math.radians(spec.rotation_deg), name=f"Panorama {spec.map}")]
         case StudioSpec():
             return studio(mesh, spec.intensity)
 

@@ -50,12 +50,29 @@ class Light(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """What in the surroundings is far brighter than the rest, a sun or lamps, for highlights to look for.
+
+    `drawn`: unit directions (P, 3) towards it, by a place in 0..1² each. `above`: of unit directions and the
+    radiance (P, 3) from there, the part that belongs to it, and the density of `drawn` (P,) [1/sr].
+    """
+
+    drawn: Callable[[Tensor], Tensor]
+    above: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+
+
 @runtime_checkable
 class Environment(Light, Protocol):
     """A light that surrounds the scene."""
 
     def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
         """Radiance that arrives from unit `direction` [W/(m² sr)]."""
+        ...
+
+    @property
+    def spots(self) -> Spots | None:
+        """What is far brighter than the rest; None where nothing is."""
         ...
 
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
@@ -180,6 +197,7 @@ class ConstantEnvironment:
 
     radiance: Triple
     is_delta = False
+    spots = None
 
     def __post_init__(self):
         triple(self, "radiance", least=0.0)

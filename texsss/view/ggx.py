@@ -33,15 +33,31 @@ def reflection(
     above = (to_light > 0) & (to_view > 0)
     to_light, to_view = to_light.clamp_min(1e-6), to_view.clamp_min(1e-6)
     half = unit(light + view)
-    to_half = _dot(normal, half).clamp(0, 1)
     squared = alpha * alpha
-    # 1 - cos² would cancel where the highlight peaks; the cross product does not
-    sine2 = torch.linalg.cross(normal, half).square().sum(-1)
-    density = squared / (math.pi * (sine2 + squared * to_half * to_half) ** 2)
     # G2 / (4 to_light to_view), with the cosines inside
     masking = 0.5 / (to_light * _stretch(to_view, squared) + to_view * _stretch(to_light, squared))
-    value = density * masking * fresnel.reflectance(_dot(view, half).clamp(0, 1), eta) * to_light
+    value = (
+        _facets(normal, half, squared)
+        * masking
+        * fresnel.reflectance(_dot(view, half).clamp(0, 1), eta)
+        * to_light
+    )
     return torch.where(above, value, torch.zeros_like(value))
+
+
+def density(
+    normal: Float[Tensor, "P 3"],
+    view: Float[Tensor, "P 3"],
+    light: Float[Tensor, "P 3"],
+    roughness: Float[Tensor, " P"],
+) -> Float[Tensor, " P"]:
+    """Density with which `sample_reflection` draws `light` [1/sr]; for directions above the horizon.
+
+    Source: Heitz 2018, eq. 17: visible facets, over the Jacobian of the reflection.
+    """
+    squared = alpha_of(roughness) ** 2
+    to_view = _dot(normal, view).clamp_min(1e-4)
+    return _facets(normal, unit(light + view), squared) / (2 * (to_view + _stretch(to_view, squared)))
 
 
 def sample_reflection(
@@ -78,6 +94,16 @@ def sample_reflection(
     weight = torch.where(up > 0, share * fresnel.reflectance(cosine.clamp(0, 1), eta), torch.zeros_like(up))
     world = mirrored[:, :1] * tangent + mirrored[:, 1:2] * bitangent + mirrored[:, 2:] * normal
     return unit(world), weight
+
+
+def _facets(
+    normal: Float[Tensor, "P 3"], half: Float[Tensor, "P 3"], squared: Float[Tensor, " P"]
+) -> Float[Tensor, " P"]:
+    """Density D of facets that face along `half` [1/sr]; `squared`: alpha²."""
+    to_half = _dot(normal, half).clamp(0, 1)
+    # 1 - cos² would cancel where the highlight peaks; the cross product does not
+    sine2 = torch.linalg.cross(normal, half).square().sum(-1)
+    return squared / (math.pi * (sine2 + squared * to_half * to_half) ** 2)
 
 
 def _stretch(cosine: Float[Tensor, " P"], squared: Float[Tensor, " P"]) -> Float[Tensor, " P"]:

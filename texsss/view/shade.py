@@ -119,7 +119,10 @@ def sight(
     for number, light in enumerate(lights):
         if isinstance(light, Environment):
             squares = _squares(environment_samples, len(cosine), seed + number, generator)
-            mirrored = mirrored + _mirrored(light, site, gloss, eta, squares)
+            bright = []
+            if light.spots is not None:
+                bright = _squares(-(-environment_samples // 2), len(cosine), seed + number, generator)
+            mirrored = mirrored + _mirrored(light, site, gloss, eta, squares, bright)
         else:
             squares = [torch.zeros(len(cosine), 2)]
             if not light.is_delta:
@@ -180,10 +183,15 @@ def _highlight(
 
 
 def _mirrored(
-    light: Environment, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor]
+    light: Environment, site: _Site, gloss: Gloss, eta: float, squares: list[Tensor], bright: list[Tensor]
 ) -> Float[Tensor, "P 3"]:
-    """Mirrored radiance of surroundings, looked up where the surface mirrors to."""
+    """Mirrored radiance of surroundings: looked up where the surface mirrors to, and in their spots.
+
+    Light of the spots is weighed by how likely either way finds it (balance heuristic): few directions of a
+    rough lobe meet a sun, and those would glare. Source: Veach & Guibas 1995.
+    """
     total = torch.zeros_like(site.position)
+    spots, looks = light.spots, len(squares)
     for square in squares:
         for share, roughness in gloss.lobes:
             direction, weight = ggx.sample_reflection(
@@ -191,9 +199,30 @@ def _mirrored(
             )
             rows = (weight.detach() > 0).nonzero()[:, 0]
             direction = direction[rows]
+            radiance = light.radiance_from(direction)
+            if spots is not None:
+                above, spotted = spots.above(direction, radiance)
+                rough = _per_hit(roughness, site, rows)
+                found = looks * ggx.density(site.normal[rows], site.view[rows], direction, rough)
+                missed = len(bright) * spotted
+                radiance = radiance - above * (missed / (found + missed).clamp_min(1e-30))[:, None]
             carried = _per_hit(share, site, rows) * weight[rows] * site.free(rows, direction, None)
-            total = total.index_add(0, rows, light.radiance_from(direction) * carried[:, None])
-    return total / len(squares)
+            total = total.index_add(0, rows, radiance * (carried / looks)[:, None])
+    for square in bright:
+        assert spots is not None, "only spots are looked for"
+        direction = spots.drawn(square.to(site.position))
+        rows = (dot(site.normal, direction).detach() > 0).nonzero()[:, 0]
+        normal, view, direction = site.normal[rows], site.view[rows], direction[rows]
+        above, spotted = spots.above(direction, light.radiance_from(direction))
+        carried = torch.zeros_like(spotted)
+        for share, roughness in gloss.lobes:
+            rough = _per_hit(roughness, site, rows)
+            either = looks * ggx.density(normal, view, direction, rough) + len(bright) * spotted
+            lobe = ggx.reflection(normal, view, direction, rough, eta)
+            carried = carried + _per_hit(share, site, rows) * lobe / either.clamp_min(1e-30)
+        carried = carried * site.free(rows, direction, None)
+        total = total.index_add(0, rows, above * carried[:, None])
+    return total
 
 
 def _per_hit(value: float | Tensor, site: _Site, rows: Tensor | None = None) -> Float[Tensor, " L"]:

@@ -1,0 +1,63 @@
+"""What in a panorama is far brighter than the rest, drawn from as finely as it is painted."""
+
+import math
+
+import torch
+
+from texsss.light.emitters import Spots
+from texsss.light.panorama import direction, gathered, looked_up, place, solid_angle, turned
+from texsss.types import Float, Tensor
+
+_WIDEST = 4096  # texels that spots are looked for in; larger panoramas are averaged down
+_BRIGHT = 4.0  # times the mean radiance: what is brighter belongs to the spots
+_LEAST = 0.01  # share of the light that they must have to be looked for
+
+
+def spots_of(image: Float[Tensor, "H W 3"], intensity: float, rotation: float) -> Spots | None:
+    """The part of a panorama above four times its mean radiance; None where that is little.
+
+    See `ImageEnvironment` for the arguments. Without gradients.
+    """
+    grey = image.detach().mean(-1, keepdim=True)
+    angle = solid_angle(*grey.shape[:2]).to(grey)[:, None, None]
+    power = gathered(grey * angle, _WIDEST)[..., 0]
+    height, width = power.shape
+    angle = solid_angle(height, width).to(power)[:, None]
+    whole = float(power.sum(dtype=torch.float64))
+    level = _BRIGHT * whole / (4 * math.pi)
+    share = (power - level * angle).clamp_min(0)
+    excess = float(share.sum(dtype=torch.float64))
+    if not excess > _LEAST * whole:
+        return None
+    share = share / excess
+    bright = (share.reshape(-1) > 0).nonzero()[:, 0]
+    upto = share.reshape(-1)[bright].double().cumsum(0)
+
+    def drawn(square: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
+        u, v = square.double().unbind(-1)
+        u = u * upto[-1]
+        number = torch.searchsorted(upto, u).clamp_max(len(bright) - 1)
+        before = torch.where(number > 0, upto[number - 1], 0.0)
+        within = ((u - before) / (upto[number] - before).clamp_min(1e-30)).clamp(0, 1)
+        row, column = bright[number] // width, bright[number] % width
+        x, y = column + 0.5 + _tent(within), row + 0.5 + _tent(v)
+        y = torch.where(y < 0, -y, torch.where(y > height, 2 * height - y, y))
+        return turned(direction(torch.stack([x / width, y / height], -1)), rotation).to(square)
+
+    def above(towards: Float[Tensor, "P 3"], radiance: Float[Tensor, "P 3"]) -> tuple[Tensor, Tensor]:
+        grey = radiance.detach().mean(-1)
+        part = (1 - intensity * level / grey.clamp_min(1e-30)).clamp_min(0)
+        uv = place(turned(towards.detach(), -rotation))
+        # a texel and an offset from its centre, as a tent: the density is what lies between texels, too
+        density = looked_up(share[..., None].to(uv), uv)[:, 0] * (height * width)
+        sine = torch.sin(math.pi * uv[:, 1]).clamp_min(1e-4)
+        return radiance * part[:, None], density / (2 * math.pi**2 * sine)
+
+    return Spots(drawn, above)
+
+
+def _tent(uniform: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
+    """Numbers in -1..1 with density 1 - |x|."""
+    low = uniform < 0.5
+    root = torch.sqrt(2 * torch.where(low, uniform, 1 - uniform))
+    return torch.where(low, root - 1, 1 - root)
