@@ -26,18 +26,16 @@ from texsss.media.medium import Medium
 from texsss.pipeline import Run
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
-from texsss.transport.march.gatherer import CHUNK as EAGER_CHUNK
-from texsss.transport.march.gatherer import COMPILED_CHUNK, Gatherer
+from texsss.transport.march.gatherer import Gatherer
 from texsss.transport.march.interior import Interior, from_depths, from_stack
 from texsss.transport.march.march import march
 from texsss.transport.march.planes import Planes, fit_planes, plane_radius
 from texsss.transport.march.setup import Surface, light_scalars, view_rays
-from texsss.types import chunks, unit
+from texsss.types import unit
 
 PAPER_FPS = {"fish": {10: 126, 50: 51, 100: 20}, "gecko": {10: 120, 50: 33, 100: 16}}
 FISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "meshes" / "fish_blub_uv.obj"
 LENGTH_MM = 60.0
-CHUNK = {True: COMPILED_CHUNK, False: EAGER_CHUNK}
 
 
 def fish_media() -> list[Medium]:
@@ -149,7 +147,7 @@ def three_lights(mesh: Mesh) -> list[Light]:
 
 
 class Prepared:
-    """Rays and lights of all chunks, set up beforehand."""
+    """Rays and lights of all points, set up beforehand."""
 
     def __init__(
         self,
@@ -159,31 +157,22 @@ class Prepared:
         interior: Interior,
         lights: list[Light],
         eye: torch.Tensor,
-        fast: bool,
     ):
         surface = Surface(mesh, planes, mesh.source_uv)
         probe = Gatherer(interior, "exact", 1, "schlick", False)
-        self.chunks = []
-        for row in chunks(len(points), CHUNK[fast]):
-            sites = surface.at(points[row])
-            rays = view_rays(sites, unit(eye - sites.position), interior.eta, probe.far, probe.size, None)
-            seen = [
-                light_scalars(
-                    sites, rays, li.sample(sites.position, sites.normal, sites.uv), interior.eta, probe.size
-                )
-                for li in lights
-            ]
-            self.chunks.append((rays.scalars, seen))
+        sites = surface.at(points)
+        rays = view_rays(sites, unit(eye - sites.position), interior.eta, probe.far, probe.size, None)
+        seen = [
+            light_scalars(
+                sites, rays, li.sample(sites.position, sites.normal, sites.uv), interior.eta, probe.size
+            )
+            for li in lights
+        ]
+        self.ray, self.lights = rays.scalars, torch.stack(seen)
 
     def run(self, gather: Gatherer) -> torch.Tensor:
         """The march alone."""
-        parts = []
-        for ray, lights in self.chunks:
-            total = 0
-            for light in lights:
-                total = total + gather(ray, light) * light[8:].T
-            parts.append(total)
-        return torch.cat(parts)
+        return gather(self.ray, self.lights)
 
 
 def best(call, repeat: int) -> float:
@@ -212,7 +201,8 @@ def main() -> None:
     parser.add_argument("--only", choices=("compiled", "eager"))
     args = parser.parse_args()
     model = fish(args.mesh) if args.model == "fish" else gecko()
-    mesh, interior = model.mesh, model.interior
+    mesh = model.mesh
+    interior = model.interior.to(mesh.vertices)
     start = time.perf_counter()
     planes = fit_planes(mesh, model.planes_mm)
     print(f"planes of {len(mesh.vertices)} vertices: {time.perf_counter() - start:.3f} s")
@@ -222,10 +212,10 @@ def main() -> None:
 
     truth = None
     for fast in {None: [True, False], "compiled": [True], "eager": [False]}[args.only]:
-        prepared = {n: Prepared(points, mesh, planes, interior, lights[:n], eye, fast) for n in (1, 3)}
+        prepared = {n: Prepared(points, mesh, planes, interior, lights[:n], eye) for n in (1, 3)}
         for method, samples in [("exact", 4), ("uniform", 10), ("uniform", 50), ("uniform", 100)]:
-            gather = Gatherer(interior, method, samples, "schlick", fast)
             start = time.perf_counter()
+            gather = Gatherer(interior, method, samples, "schlick", fast)
             first = prepared[1].run(gather)
             cold = time.perf_counter() - start
             alone = {

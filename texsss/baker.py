@@ -16,6 +16,7 @@ from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.shelf import Shelf, users_shelf
 from texsss.showing import model, showing
+from texsss.transport.march.fused import build_usual
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
 
@@ -108,6 +109,10 @@ class Baker:
     ) -> dict:
         """Mesh, texture coordinates and scale of a scene, examined; see `texsss.inspection`."""
         return inspect(self._run(scene, progress, cancel), picture)
+
+    def build_loops(self) -> None:
+        """Builds what marches through layers, unless it lies on disk: seconds, else part of a render."""
+        build_usual()
 
     def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
         if not isinstance(scene, Scene):

@@ -24,6 +24,8 @@ from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.shade import Gloss, Sight, sight
 
+WORTH_COMPILING = 10_000  # points; fewer are done before a loop is built
+
 
 def seer(
     surface: SurfaceSpec,
@@ -117,6 +119,7 @@ def scattered_once(
             hits.view,
             uv=mesh.source_uv,
             noise=noise,
+            compiled=len(hits.points) >= WORTH_COMPILING,
             **options,
         )
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))

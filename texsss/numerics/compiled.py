@@ -35,7 +35,7 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
     in the user's cache directory, unless TORCHINDUCTOR_CACHE_DIR names another place.
     """
     if not compiler_found():
-        _notice("no C++ compiler or no Python.h was found")
+        notice("no C++ compiler or no Python.h was found")
         return kernel
     # before the imports, which name a temporary folder where nothing is said
     os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path(user_cache_dir("texsss")) / "inductor"))
@@ -51,7 +51,7 @@ def compiled(kernel: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return state["call"](*args)
         except (TorchDynamoException, InductorError) as error:
-            _notice(f"compilation failed ({type(error).__name__})")
+            notice(f"compilation failed ({type(error).__name__})")
             state["call"] = kernel
             return kernel(*args)
 
@@ -73,7 +73,7 @@ def constant(function):
 
 
 @cache
-def _notice(why: str) -> None:
+def notice(why: str) -> None:
     warnings.warn(
         f"texsss: march and profiles run uncompiled, ten times slower, because {why}.",
         RuntimeWarning,

@@ -1,121 +1,145 @@
-"""The part of the march that depends on rays and light alone: one light, gathered down every ray."""
+"""The part of the march that depends on rays and light alone: lights, gathered down every ray."""
 
-from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 
-from texsss.numerics.compiled import compiled
+from texsss.numerics.threads import in_threads
+from texsss.transport.march.fused import Fused
 from texsss.transport.march.interior import Interior
-from texsss.transport.march.kernel import look_up, meet
-from texsss.transport.march.samples import sample
-from texsss.transport.march.segments import gather, pieces, tail
+from texsss.transport.march.kernel import framed, look_up, meet, place
+from texsss.transport.march.samples import layer_of, sample
+from texsss.transport.march.segments import along, gather, passage, pieces, tail
 from texsss.transport.march.setup import Reach, knots, reach
-from texsss.types import Float, Tensor
+from texsss.types import Float, Tensor, chunks
 
-CHUNK = 1 << 16  # points at a time, eager
-COMPILED_CHUNK = 1 << 15  # what stays in a core's cache
+BLOCK = 1 << 13  # points a thread takes at a time: what they need stays in its cache
 
 Method = Literal["exact", "uniform"]
 Phase = Literal["henyey-greenstein", "schlick"]
 
 
 class Gatherer:
-    """Marches rays through one interior; `fast` compiles the kernels, for chunks of COMPILED_CHUNK."""
+    """Marches rays through one interior; `compiled`: by the compiled loop, where there can be one."""
 
-    def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, fast: bool):
-        self.interior, self.method, self.samples, self.phase, self.fast = (
-            interior,
-            method,
-            samples,
-            phase,
-            fast,
-        )
+    def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, compiled: bool):
+        self.interior, self.method, self.samples, self.phase = interior, method, samples, phase
         self.far: Reach = reach(interior)
         self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
-        home = interior.sigma_t
-        self.channels: int = home.shape[-1]
-        self._size = [home.new_tensor(float(n)) for n in self.size]
-        self._planes = [d.reshape(-1).contiguous() for d in interior.depth.unbind(-1)]
+        self.channels: int = interior.sigma_t.shape[-1]
+        fused = Fused(interior, phase) if compiled else None
+        self._fused = fused if fused is not None and fused.ready else None
+        if self._fused is not None:
+            return
+        self._depth = list(framed(interior.depth).flatten(1))
         g = interior.g
         # one value for all channels is looked at once
         alike = bool((g.detach() == g.detach()[..., :1]).all())
-        self._fields = [interior.sigma_s, interior.sigma_t, g[..., :1] if alike else g]
-        self._run: Callable[[Any], Any] = compiled if fast else (lambda kernel: kernel)
+        fields = [interior.sigma_s, interior.sigma_t, g[..., :1] if alike else g]
+        self._fields = [x if x.ndim == 2 else list(framed(x.flatten(2)).flatten(1)) for x in fields]
+        self._shapes = [x.shape[-2:] for x in fields]
 
     def __call__(
         self,
         ray: Float[Tensor, "10 P"],
-        light: Float[Tensor, "S P"],
+        lights: Float[Tensor, "N 11 P"],
         jitter: Float[Tensor, " P"] | None = None,
-    ) -> Float[Tensor, "P C"]:
-        """Radiance inside per unit of irradiance that enters [1/sr].
+    ) -> Float[Tensor, "P 3"]:
+        """Radiance inside, towards the eye [W/(m² sr)], of all lights.
 
-        `ray`, `light`: from `view_rays` and `light_scalars`; `jitter` shifts uniform samples, in steps.
+        `ray`, `lights`: from `view_rays` and `light_scalars`; `jitter` shifts uniform samples, in steps.
         """
-        count = ray.shape[1]
-        if self.fast and count < COMPILED_CHUNK:
-            # one shape, one compilation
-            missing = COMPILED_CHUNK - count
-            ray, light = (torch.cat([x, x[:, -1:].expand(-1, missing)], 1) for x in (ray, light))
-            jitter = None if jitter is None else torch.nn.functional.pad(jitter, (0, missing))
-        ray, light = ray.contiguous(), light[:8].contiguous()
-        passed = total = [torch.zeros_like(ray[0])] * self.channels
-        if self.method == "exact":
-            passed, total = self._exact(ray, light, passed, total)
-        else:
-            passed, total = self._uniform(ray, light, jitter, passed, total)
-        if self.interior.bottomless:
-            total = self._beyond(ray, light, passed, total)
-        return torch.stack(total, -1)[:count]
+        if self._fused is not None:
+            return self._fused(ray, lights, jitter, self.method, self.samples, self.far.rate)
+        if torch.is_grad_enabled() and (ray.requires_grad or lights.requires_grad or self._differentiable):
+            return self._block(ray, lights, jitter)
 
-    def _exact(self, ray: Tensor, light: Tensor, passed: list[Tensor], total: list[Tensor]):
-        cuts, one_channel = self._run(pieces), self._run(gather)
+        def block(row: slice) -> Tensor:
+            shift = None if jitter is None else jitter[row]
+            return self._block(ray[:, row].contiguous(), lights[..., row].contiguous(), shift)
+
+        return torch.cat(in_threads(block, chunks(ray.shape[1], BLOCK)))
+
+    @property
+    def _differentiable(self) -> bool:
+        return self.interior.requires_grad
+
+    def _block(self, ray: Tensor, lights: Tensor, jitter: Tensor | None) -> Float[Tensor, "P 3"]:
+        method = self._exact if self.method == "exact" else self._uniform
+        totals = method(ray, lights, jitter)
+        return sum(
+            (torch.stack(total, -1) * light[8:].T for total, light in zip(totals, lights)),
+            start=ray.new_zeros(ray.shape[1], 3),
+        )
+
+    def _exact(self, ray: Tensor, lights: Tensor, _: Tensor | None) -> list[list[Tensor]]:
+        channels = range(self.channels)
+        passed = [torch.zeros_like(ray[0])] * self.channels
+        totals = [passed] * len(lights)
         steps = knots(ray[4], self.samples, self.far.rate) * ray[4]
-        before = self._coefficients(ray, steps[0])
-        start = self._meet(ray, light, steps[0], before[2])
+        spot = self._place(ray, steps[0])
+        before = self._coefficients(spot)
+        starts = [self._meet(ray, light, spot, before) for light in lights]
         for k in range(self.samples):
-            after = self._coefficients(ray, steps[k + 1])
-            end = self._meet(ray, light, steps[k + 1], after[2])
-            found = cuts(ray[6], steps[k], steps[k + 1], start, end, self.interior.layers)
-            *piece, share = found
+            next_spot = self._place(ray, steps[k + 1])
+            after = self._coefficients(next_spot)
+            stretch, rising, at = pieces(
+                ray[6], steps[k], steps[k + 1], spot[-1], next_spot[-1], self.interior.layers
+            )
             scattering, extinction = (a if a is b else 0.5 * (a + b) for a, b in zip(before[:2], after[:2]))
-            results = [
-                one_channel(
-                    scattering[:, c],
-                    extinction[:, c],
-                    *piece,
-                    [s[min(c, len(s) - 1)] for s in share],
-                    passed[c],
-                    total[c],
-                )
-                for c in range(self.channels)
-            ]
-            passed, total = (list(x) for x in zip(*results))
-            start, before = end, after
-        return passed, total
+            passages = [passage(extinction[:, c], stretch, rising) for c in channels]
+            view = [[passed[c] + d for d in passages[c][0]] for c in channels]
+            ends = [self._meet(ray, light, next_spot, after) for light in lights]
+            for n, (start, end) in enumerate(zip(starts, ends)):
+                way, within, share = along(at, start, end)
+                totals[n] = [
+                    gather(
+                        scattering[:, c],
+                        extinction[:, c],
+                        stretch,
+                        view[c],
+                        way,
+                        within,
+                        [s[min(c, len(s) - 1)] for s in share],
+                        totals[n][c],
+                    )
+                    for c in channels
+                ]
+            passed = [passed[c] + passages[c][1] for c in channels]
+            starts, before, spot = ends, after, next_spot
+        if self.interior.bottomless:
+            totals = [self._beyond(ray, e, before, passed, t) for e, t in zip(starts, totals)]
+        return totals
 
-    def _uniform(
-        self, ray: Tensor, light: Tensor, jitter: Tensor | None, passed: list[Tensor], total: list[Tensor]
-    ):
-        one = self._run(sample)
+    def _uniform(self, ray: Tensor, lights: Tensor, jitter: Tensor | None) -> list[list[Tensor]]:
+        passed = [torch.zeros_like(ray[0])] * self.channels
+        totals = [passed] * len(lights)
         step = ray[4] / self.samples
         for k in range(self.samples):
             t = step * k if jitter is None else (step * (k + jitter)).clamp_min(0)
-            scattering, extinction, g = self._coefficients(ray, t)
-            passed, total = one(
-                scattering, extinction, t * ray[6], step, self._meet(ray, light, t, g), passed, total
-            )
-        return passed, total
+            spot = self._place(ray, t)
+            known = self._coefficients(spot)
+            gain, here = layer_of(known[0], known[1], t * ray[6], spot[-1])
+            totals = [
+                sample(gain, known[1], step, self._meet(ray, light, spot, known), passed, total)
+                for light, total in zip(lights, totals)
+            ]
+            passed = [p + h * step for p, h in zip(passed, here)]
+        if self.interior.bottomless:
+            spot = self._place(ray, ray[4])
+            known = self._coefficients(spot)
+            totals = [
+                self._beyond(ray, self._meet(ray, light, spot, known), known, passed, total)
+                for light, total in zip(lights, totals)
+            ]
+        return totals
 
-    def _beyond(self, ray: Tensor, light: Tensor, passed: list[Tensor], total: list[Tensor]) -> list[Tensor]:
-        scattering, extinction, g = self._coefficients(ray, ray[4])
-        end = self._meet(ray, light, ray[4], g)
+    def _beyond(self, ray: Tensor, end, known: list[Tensor], passed: list[Tensor], total: list[Tensor]):
         share = end[3][-1]
         return [
-            self._run(tail)(
-                scattering[:, c],
-                extinction[:, c],
+            tail(
+                known[0][:, c],
+                known[1][:, c],
                 ray[6],
                 end,
                 share[min(c, len(share) - 1)],
@@ -125,17 +149,19 @@ class Gatherer:
             for c in range(self.channels)
         ]
 
-    def _meet(self, ray: Tensor, light: Tensor, t: Tensor, g: Tensor):
-        return self._run(meet)(ray, light, self._planes, self._size, g, t, self.phase)
+    def _place(self, ray: Tensor, t: Tensor):
+        return place(ray, self._depth, self.size, t)
 
-    def _coefficients(self, ray: Tensor, t: Tensor) -> list[Tensor]:
-        """σs, σt and g, (L, C) or, where they are maps, (L, C, P) under M(t)."""
+    def _meet(self, ray: Tensor, light: Tensor, spot, known: list[Tensor]):
+        return meet(ray, light, spot, self._depth, self.size, known[2], self.phase)
+
+    def _coefficients(self, spot) -> list[Tensor]:
+        """σs, σt and g, (L, C) or, where they are maps, (L, C, P) under M."""
         found = []
-        for field in self._fields:
-            if field.ndim == 2:
+        for field, shape in zip(self._fields, self._shapes):
+            if isinstance(field, list):
+                values = look_up(field, self.size, spot[5], spot[6])
+                found.append(torch.stack(values).reshape(*shape, -1))
+            else:
                 found.append(field)
-                continue
-            maps = field.flatten(0, 1).flatten(1).unbind(-1)
-            values = look_up(maps, self._size, ray[0] + t * ray[2], ray[1] + t * ray[3])
-            found.append(torch.stack(values).reshape(*field.shape[-2:], -1))
         return found

@@ -1,7 +1,6 @@
 """What both marches do at one point M(t) = P - t ω_o of a view ray: look up depths, follow the light in.
 
-Written per scalar on flat lists (P,), so that torch.compile makes one loop of it; hence no shape
-annotations, which the compiler cannot see through.
+Written per scalar on flat lists (P,). `fused.cpp` is the same for processors.
 """
 
 import math
@@ -11,64 +10,82 @@ import torch
 
 LEAST_LIGHT_COS = 0.03  # of the light to the plane it enters through
 SERIES = 0.25  # below this exponent a power series beats the difference of exponentials
+FRAME = 2  # texels that repeat beyond the right and the lower edge: neighbours need no wrapping
+
+
+def framed(image):
+    """(H, W, n) as n planes (n, H + FRAME, W + FRAME), tiled beyond the right and the lower edge."""
+    height, width = image.shape[:2]
+    rows, columns = (torch.arange(n + FRAME, device=image.device) % n for n in (height, width))
+    return image.permute(2, 0, 1)[:, rows][:, :, columns].contiguous()
 
 
 @no_type_check
 def look_up(planes, size, x, y):
-    """Values of each of `planes` (H·W,) at texel coordinates x, y: bilinear, tiled. `size` is H, W."""
+    """Values of each of `planes` at texel coordinates x, y: bilinear, tiled.
+
+    `planes`: flat and framed; `size`: H, W without frame.
+    """
     height, width = size
     left, top = torch.floor(x), torch.floor(y)
     fx, fy = x - left, y - top
-    x0 = left - torch.floor(left / width) * width
-    y0 = top - torch.floor(top / height) * height
-    x0 = torch.where(x0 >= width, 0.0, x0)
-    y0 = torch.where(y0 >= height, 0.0, y0)
-    x1 = torch.where(x0 + 1 >= width, 0.0, x0 + 1).int()
-    y1 = torch.where(y0 + 1 >= height, 0.0, y0 + 1).int()
-    row = width.int()
-    upper, lower = y0.int() * row, y1 * row
-    x0 = x0.int()
-    a, b, c, d = upper + x0, upper + x1, lower + x0, lower + x1
+    # rounding may end one texel beyond the edge, where the frame is
+    x0 = left - torch.floor(left * (1 / width)) * width
+    y0 = top - torch.floor(top * (1 / height)) * height
+    row = width + FRAME
+    a = y0.int() * row + x0.int()
+    b, c, d = a + 1, a + row, a + (row + 1)
     found = []
     for plane in planes:
-        above = plane.index_select(0, a) + fx * (plane.index_select(0, b) - plane.index_select(0, a))
-        below = plane.index_select(0, c) + fx * (plane.index_select(0, d) - plane.index_select(0, c))
-        found.append(above + fy * (below - above))
+        above = torch.lerp(plane.index_select(0, a), plane.index_select(0, b), fx)
+        below = torch.lerp(plane.index_select(0, c), plane.index_select(0, d), fx)
+        found.append(torch.lerp(above, below, fy))
     return found
 
 
 @no_type_check
-def meet(ray, light, planes, size, g, t, phase):
-    """At t [mm] down the ray: boundary depths under M, the way KM the light came inside, the boundaries
-    along it, the share scattered to the eye per layer and g (phase × irradiance, relative), and cosθ.
+def place(ray, planes, size, t):
+    """M at t [mm] down the ray, and the plane its light enters through, whatever the light: t, the share
+    of the ray, the rest, 1 / length of N_M, height of M below that plane, x and y, boundary depths.
 
-    `g` (layers, 1 or channels), with points behind where it is a map; the share is a list alike.
-
-    The plane the light enters through turns from the tangent plane at P into the fitted plane as
-    M moves from the start to the end of the ray.
-    Source: François et al. 2006, Algorithm 2; Norberg 2010; weights of the planes as in their eq. 9.
+    The plane turns from the tangent plane at P into the fitted plane as M moves from the start to the
+    end of the ray.
     """
-    x, y, dx, dy, length, view_n, view_s, offset, n_s, nearer = ray.unbind(0)
-    light_n, light_s, aside_x, aside_y, light_view, nearness, first, second = light[:8].unbind(0)
+    x, y, dx, dy, length, view_n, view_s, offset, n_s, _ = ray.unbind(0)
     fraction = t / length
     rest = 1 - fraction
     # N_M = rest N_P + fraction NS, not of unit length
     shrink = torch.rsqrt(rest * rest + fraction * fraction + 2 * rest * fraction * n_s)
+    height = (t * (rest * view_n + fraction * view_s) + fraction * offset * (rest + fraction * n_s)).abs()
+    mx, my = x + t * dx, y + t * dy
+    return t, fraction, rest, shrink, height * shrink, mx, my, look_up(planes, size, mx, my)
+
+
+@no_type_check
+def meet(ray, light, spot, planes, size, g, phase):
+    """Boundary depths under M, the way KM the light came inside, the boundaries along it, the share
+    scattered to the eye per layer and g (phase × irradiance, relative), and cosθ.
+
+    `spot`: what `place` found; `g` (layers, 1 or channels), with points behind where it is a map; the
+    share is a list alike.
+    Source: François et al. 2006, Algorithm 2; Norberg 2010; weights of the planes as in their eq. 9.
+    """
+    dx, dy, view_n, view_s, nearer = (ray[i] for i in (2, 3, 5, 6, 9))
+    light_n, light_s, aside_x, aside_y, light_view, nearness, first, second = light[:8].unbind(0)
+    t, fraction, rest, shrink, height, mx, my, depth = spot
     # the light from M: L - P + (P - M), scaled to unit length
     near = nearness * t
     stretch = torch.rsqrt((1 + near * (2 * light_view + near)).clamp_min(1e-4))
     facing = (rest * (light_n + near * view_n) + fraction * (light_s + near * view_s)) * stretch * shrink
     cosine = facing.clamp_min(LEAST_LIGHT_COS)
-    height = (t * (rest * view_n + fraction * view_s) + fraction * offset * (rest + fraction * n_s)).abs()
-    way = height * shrink / cosine  # ‖K'M‖
-    mx, my = x + t * dx, y + t * dy
-    depth = look_up(planes, size, mx, my)
+    way = height / cosine  # ‖K'M‖
     reach = way * stretch
     entry = look_up(planes, size, mx + reach * (aside_x - near * dx), my + reach * (aside_y - near * dy))
-    boundary = [0.5 * (m + k) / cosine for m, k in zip(depth, entry)]
+    half = 0.5 / cosine
+    boundary = [(m + k) * half for m, k in zip(depth, entry)]
     # a light half as far from M as from P is four times as bright
     arrives = (first + (second - first) * (fraction * nearer).clamp_max(1.0)) * stretch * stretch
-    arrives = torch.where(facing > 0, arrives, 0.0)
+    arrives = arrives * (facing > 0)
     straight = (light_view + near) * stretch  # ω_in · ω_o
     share = [[arrives * scattered(straight, k, phase) for k in layer.unbind(0)] for layer in g.unbind(0)]
     return depth, way, boundary, share, cosine
@@ -88,15 +105,15 @@ def scattered(cosine, g, phase):
 
 
 @no_type_check
-def optical(way, boundary, sigma_t):
-    """Optical depth over the first `way` [mm] of a path that crosses `boundary`s [mm]: 0 below the last
-    one, unless there is a layer more than boundaries. `sigma_t`: per layer [1/mm]."""
+def optical(way, within, sigma_t):
+    """Optical depth over the first `way` [mm] of a path, of which `within` lie above each boundary: 0 below
+    the last one, unless there is a layer more than boundaries. `sigma_t`: per layer [1/mm]."""
     layers = len(sigma_t)
     total = 0.0
-    for i in range(len(boundary)):
+    for i, length in enumerate(within):
         below = sigma_t[i + 1] if i + 1 < layers else 0.0
-        total = total + (sigma_t[i] - below) * torch.minimum(way, boundary[i])
-    if layers > len(boundary):
+        total = total + (sigma_t[i] - below) * length
+    if layers > len(within):
         total = total + sigma_t[-1] * way
     return total
 

@@ -12,7 +12,7 @@ from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
-from texsss.transport.march.gatherer import CHUNK, COMPILED_CHUNK, Gatherer, Method, Phase
+from texsss.transport.march.gatherer import Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
 from texsss.transport.march.noise import Noise, draw
 from texsss.transport.march.planes import Planes, fit_planes, plane_radius, tangent_planes
@@ -20,6 +20,8 @@ from texsss.transport.march.setup import Surface, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
+CHUNK = 1 << 16  # points at a time
+TOGETHER = 8  # samples of lights that share one march
 
 
 def march(
@@ -52,8 +54,8 @@ def march(
     `method`: `exact` integrates straight pieces of layers over `samples` steps; `uniform` adds up
     `samples` points. `phase`: for Schlick's, the media's g is his k. `occluder` shadows the point and
     the place where light enters. Lights that are not points are sampled `environment_samples` or
-    `area_samples` times. `compiled`: under torch.compile, in float32 and without gradients; the first
-    call takes seconds.
+    `area_samples` times. `compiled`: by a loop in C++, where there is a compiler, in float32 and without
+    gradients; the first call on a machine builds it, which takes seconds.
     Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
     one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
     Raises ShapeError, DomainError: when inputs do not fit. Raises Cancelled.
@@ -73,7 +75,7 @@ def march(
         compiled = False
     gather = Gatherer(interior, method, samples, phase, compiled)
     generator = torch.Generator().manual_seed(seed)
-    rows = chunks(len(points), COMPILED_CHUNK if compiled else CHUNK)
+    rows = chunks(len(points), CHUNK)
     parts = []
     for k, row in enumerate(rows):
         check_cancelled(cancel)
@@ -85,7 +87,9 @@ def march(
             sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2]
         )
         origin = None if occluder is None else smooth_origin(here, mesh)
+        shift = None if jitter is None else jitter[:, 2]
         total = torch.zeros_like(sites.position)
+        waiting: list[Tensor] = []
         for number, light in enumerate(lights):
             count = (
                 1
@@ -97,9 +101,14 @@ def march(
             for square in _squares(count, len(here), seed + number, generator):
                 check_cancelled(cancel)
                 seen = light.sample(sites.position, sites.normal, square.to(sites.position))
-                scalars = light_scalars(sites, rays, seen, interior.eta, gather.size, occluder, origin)
-                gained = gather(rays.scalars, scalars, None if jitter is None else jitter[:, 2])
-                total = total + gained * scalars[8:].T / count
+                waiting.append(
+                    light_scalars(sites, rays, seen, interior.eta, gather.size, occluder, origin, 1 / count)
+                )
+                if len(waiting) == TOGETHER:
+                    total = total + gather(rays.scalars, torch.stack(waiting), shift)
+                    waiting = []
+        if waiting:
+            total = total + gather(rays.scalars, torch.stack(waiting), shift)
         parts.append(total * rays.leaves[:, None])
         if progress is not None:
             progress("march", (k + 1) / len(rows))

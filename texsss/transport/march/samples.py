@@ -8,25 +8,35 @@ from texsss.transport.march.kernel import optical
 
 
 @no_type_check
-def sample(sigma_s, sigma_t, below, step, found, passed, total):
-    """One sample that stands for `step` mm: optical depths after it and light so far, per channel.
+def layer_of(sigma_s, sigma_t, below, depth):
+    """σs per layer and channel where M lies in that layer, else 0; and σt at M per channel.
 
-    `sigma_s`, `sigma_t` (layers, channels) [1/mm], with points behind where they are maps. `below`:
-    depth of M under the surface [mm]; `found`: what `meet` found at M.
+    `sigma_s`, `sigma_t` (layers, channels) [1/mm], with points behind where they are maps; `below`:
+    depth of M under the surface [mm]; `depth`: of the boundaries under M.
+    """
+    under = [(below >= d).to(below.dtype) for d in depth]
+    inside, above = [], 1
+    for u in under:
+        inside.append(above - u)
+        above = u
+    if len(sigma_t) > len(depth):
+        inside.append(above)
+    here = [sum(k * w for k, w in zip(s.unbind(0), inside)) for s in sigma_t.unbind(1)]
+    return [[k * w for k, w in zip(s.unbind(0), inside)] for s in sigma_s.unbind(1)], here
+
+
+@no_type_check
+def sample(gain, sigma_t, step, found, passed, total):
+    """Light so far, per channel, with one sample that stands for `step` mm; `gain`: what `layer_of` found.
+
+    `found`: what `meet` found at M; `passed`: optical depth of the view ray to M.
     Source: François et al. 2006, Algorithm 1, with n samples instead of n + 1.
     """
-    depth, way, boundary, share, _ = found
-    layers = len(share)
-    within = [below < d for d in depth]  # above boundary i, and then above all that follow
-    gathered, reached = [], []
-    for c, (scattering, extinction) in enumerate(zip(sigma_s.unbind(1), sigma_t.unbind(1))):
-        scattering, extinction = scattering.unbind(0), extinction.unbind(0)
-        source = [s * p[min(c, len(p) - 1)] for s, p in zip(scattering, share)]
-        here, gain = (extinction[-1], source[-1]) if layers > len(depth) else (0.0, 0.0)
-        for i in reversed(range(len(depth))):
-            here = torch.where(within[i], extinction[i], here)
-            gain = torch.where(within[i], source[i], gain)
-        left = torch.exp(-passed[c] - optical(way, boundary, extinction))
-        gathered.append(total[c] + gain * left * step)
-        reached.append(passed[c] + here * step)
-    return reached, gathered
+    _, way, boundary, share, _ = found
+    within = [torch.minimum(way, b) for b in boundary]
+    gathered = []
+    for c, extinction in enumerate(sigma_t.unbind(1)):
+        left = torch.exp(-passed[c] - optical(way, within, extinction.unbind(0)))
+        bright = sum(k * p[min(c, len(p) - 1)] for k, p in zip(gain[c], share))
+        gathered.append(total[c] + bright * left * step)
+    return gathered

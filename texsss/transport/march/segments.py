@@ -13,15 +13,12 @@ from texsss.transport.march.kernel import mean_transmission, optical
 
 
 @no_type_check
-def pieces(view_s, t0, t1, start, end, layers):
-    """The step from t0 to t1 [mm], cut where M crosses boundaries.
+def pieces(view_s, t0, t1, depth0, depth1, layers):
+    """The step from t0 to t1 [mm], cut where M crosses boundaries, which are `depth0`, `depth1` deep there.
 
-    `start`, `end`: what `meet` found there. Comes back: length within each layer [mm]; whether the
-    ray rises towards the surface; KM and the boundaries along it where each boundary is crossed,
-    the surface first; the mean share of each layer.
+    Comes back: length within each layer [mm]; whether the ray rises towards the surface; the share of
+    the step at which each boundary is crossed, the surface first.
     """
-    depth0, way0, boundary0, share0, _ = start
-    depth1, way1, boundary1, share1, _ = end
     # share of the step above each boundary, starting with the surface
     above = [torch.zeros_like(t0)]
     rising = torch.zeros_like(t0, dtype=torch.bool)
@@ -35,33 +32,48 @@ def pieces(view_s, t0, t1, start, end, layers):
         above.append(torch.ones_like(t0))
     # rising rays meet the deepest boundary first
     place = [torch.where(rising, 1 - a, a) for a in above]
-    way = [way0 + p * (way1 - way0) for p in place]
-    inward = [[b0 + p * (b1 - b0) for b0, b1 in zip(boundary0, boundary1)] for p in place]
     stretch = [(above[i + 1] - above[i]) * (t1 - t0) for i in range(layers)]
-    share = [[0.5 * (a + b) for a, b in zip(s0, s1)] for s0, s1 in zip(share0, share1)]
-    return stretch, rising, way, inward, share
+    return stretch, rising, place
 
 
 @no_type_check
-def gather(sigma_s, sigma_t, stretch, rising, way, inward, share, passed, total):
-    """One channel of a step: optical depth of the view ray after it, and the light gathered so far.
+def passage(sigma_t, stretch, rising):
+    """Optical depth of one channel from the start of the step to each boundary, and to its end."""
+    so_far = [torch.zeros_like(stretch[0])]
+    for extinction, length in zip(sigma_t.unbind(0), stretch):
+        so_far.append(so_far[-1] + extinction * length)
+    return [torch.where(rising, so_far[-1] - s, s) for s in so_far], so_far[-1]
 
-    `sigma_s`, `sigma_t` (layers) [1/mm], with points behind where they are maps; `share` per layer;
-    `passed`, `total`: both results before the step.
+
+@no_type_check
+def along(place, start, end):
+    """KM, and boundaries along it, where each boundary is crossed; the mean share of each layer.
+
+    `start`, `end`: what `meet` found there.
+    """
+    _, way0, boundary0, share0, _ = start
+    _, way1, boundary1, share1, _ = end
+    way = [torch.lerp(way0, way1, p) for p in place]
+    inward = [[torch.lerp(b0, b1, p) for b0, b1 in zip(boundary0, boundary1)] for p in place]
+    within = [[torch.minimum(w, b) for b in inner] for w, inner in zip(way, inward)]
+    share = [[0.5 * (a + b) for a, b in zip(s0, s1)] for s0, s1 in zip(share0, share1)]
+    return way, within, share
+
+
+@no_type_check
+def gather(sigma_s, sigma_t, stretch, view_depth, way, within, share, total):
+    """The light of one channel so far, with that of a step.
+
+    `sigma_s`, `sigma_t` (layers) [1/mm], with points behind where they are maps; `view_depth`: optical
+    depth of the view ray to each boundary; `share` per layer; `total`: before the step.
     """
     sigma_s, sigma_t = sigma_s.unbind(0), sigma_t.unbind(0)
-    so_far = [torch.zeros_like(passed)]
-    for extinction, length in zip(sigma_t, stretch):
-        so_far.append(so_far[-1] + extinction * length)
-    depth = [
-        passed + torch.where(rising, so_far[-1] - s, s) + optical(w, b, sigma_t)
-        for s, w, b in zip(so_far, way, inward)
-    ]
+    depth = [v + optical(w, b, sigma_t) for v, w, b in zip(view_depth, way, within)]
     left = [torch.exp(-d) for d in depth]
     for i, (scattering, length) in enumerate(zip(sigma_s, stretch)):
         mean = mean_transmission(depth[i], depth[i + 1], left[i], left[i + 1])
         total = total + scattering * share[i] * length * mean
-    return passed + so_far[-1], total
+    return total
 
 
 @no_type_check
@@ -74,5 +86,6 @@ def tail(sigma_s, sigma_t, view_s, end, share, passed, total):
     sigma_t = sigma_t.unbind(0)
     # KM grows by ω_o·NS / cosθ per mm
     slope = sigma_t[-1] * (1 + view_s / cosine)
-    left = torch.exp(-passed - optical(way, boundary, sigma_t))
+    within = [torch.minimum(way, b) for b in boundary]
+    left = torch.exp(-passed - optical(way, within, sigma_t))
     return total + sigma_s[-1] * share * left / slope.clamp_min(1e-30)

@@ -176,13 +176,14 @@ def light_scalars(
     size: tuple[int, int],
     occluder: Occluder | None = None,
     origin: Float[Tensor, "P 3"] | None = None,
+    weight: float = 1.0,
 ) -> Float[Tensor, "11 P"]:
     """One light sample as seen from inside.
 
     Its refracted direction dotted with N_P and NS; texels per mm along it, x and y; its product with
     ω_o; 1 / distance; visibility at P and at the entry point of light scattered one mean free path
     down; irradiance (3) facing the refracted direction. `origin` is where shadow rays start, at P or
-    just above it.
+    just above it. `weight`: of the sample among those of its light.
     """
     height, width = size
     facing = dot(light.direction, sites.normal)
@@ -202,7 +203,7 @@ def light_scalars(
         dot(inner, rays.direction),
         nearness,
         *_visibility(sites, rays, light, inner, occluder, origin),
-        *entering.unbind(1),
+        *(entering * weight).unbind(1),
     ]
     return torch.stack(scalars)
 

@@ -1,0 +1,85 @@
+"""Loops in C++, built on first use where there is a compiler, and kept on disk."""
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from platformdirs import user_cache_dir
+
+from texsss.numerics.compiled import notice
+
+FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-w"]
+# as the compiler may fuse and vectorise; infinities and NaN stay what they are
+FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
+PATIENCE_S = 120
+
+
+def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
+    """The functions of one C++ file for one set of macros; None, with one notice, without a compiler.
+
+    Building takes some seconds, once per machine, file and macros: the result stays in TEXSSS_CACHE_DIR, or
+    in the user's cache.
+    """
+    return _library(source, tuple(sorted(macros.items())))
+
+
+@cache
+def _library(source: Path, macros: tuple[tuple[str, int], ...]) -> ctypes.CDLL | None:
+    compiler = _compiler()
+    if compiler is None:
+        notice("no C++ compiler was found")
+        return None
+    text = source.read_bytes()
+    command = [compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
+    key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
+    path = _folder() / f"{source.stem}-{key}.so"
+    try:
+        if not path.is_file():
+            _build([*command, str(source)], path)
+        return ctypes.CDLL(str(path))
+    except (OSError, subprocess.SubprocessError) as error:
+        notice(f"a C++ file could not be built ({type(error).__name__})")
+        return None
+
+
+def _build(command: list[str], path: Path) -> None:
+    """Builds beside `path`, then moves there in one step: others may build the same."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        made = Path(folder) / path.name
+        subprocess.run(
+            [*command, "-o", str(made)], check=True, capture_output=True, timeout=PATIENCE_S, cwd=folder
+        )
+        os.replace(made, path)
+
+
+@cache
+def _compiler() -> str | None:
+    named = os.environ.get("CXX")
+    return next((found for name in (named, "g++", "clang++") if name and (found := shutil.which(name))), None)
+
+
+@cache
+def _version(compiler: str) -> str:
+    return subprocess.run([compiler, "--version"], capture_output=True, text=True, timeout=PATIENCE_S).stdout
+
+
+@cache
+def _processor() -> str:
+    """What -march=native depends on: caches may be shared by machines that differ."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.platform() + platform.processor()
+    return "".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
+
+
+def _folder() -> Path:
+    return Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")) / "native"

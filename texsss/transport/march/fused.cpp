@@ -1,0 +1,415 @@
+// The march of march/kernel.py, samples.py and segments.py as one loop per point: nothing but the result
+// leaves the registers. Formulas and their sources stand there; names are the same. Macros that the
+// build sets: BOUNDARIES, ENDLESS (an infinite layer below them), SCHLICK, G_CHANNELS (1 or 3),
+// MAPPED (coefficients are maps).
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#if defined(__AVX512F__)
+#include <immintrin.h>
+constexpr int WIDTH = 16;
+#elif defined(__AVX__)
+constexpr int WIDTH = 8;
+#else
+constexpr int WIDTH = 4;
+#endif
+
+typedef float V __attribute__((vector_size(4 * WIDTH)));  // one point per lane
+typedef int32_t I __attribute__((vector_size(4 * WIDTH)));
+
+constexpr int B = BOUNDARIES, L = BOUNDARIES + ENDLESS, C = 3, G = G_CHANNELS;
+constexpr int PER_WORD = B == 1 ? 1 : B == 3 ? 3 : 2, BITS = PER_WORD == 1 ? 24 : PER_WORD == 2 ? 16 : 10;
+constexpr int RAY = 10, LIGHT = 11;  // rows of the tables of rays and lights
+constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, PI4 = 12.566370614359172f;
+
+static inline V all(float x) { return x - V{}; }
+static inline V lesser(V a, V b) { return a < b ? a : b; }
+static inline V greater(V a, V b) { return a > b ? a : b; }
+static inline V positive(V a) { return greater(a, V{}); }
+static inline V real(I a) { return __builtin_convertvector(a, V); }
+static inline I whole(V a) { return __builtin_convertvector(a, I); }
+// estimates of 14 bits and one step of Newton's, where there are such
+static inline V inverse(V a) {
+#if defined(__AVX512F__)
+  V r = (V)_mm512_rcp14_ps((__m512)a);
+  return r * (2 - a * r);
+#else
+  return 1 / a;
+#endif
+}
+static inline V inverse_root(V a) {
+#if defined(__AVX512F__)
+  V r = (V)_mm512_rsqrt14_ps((__m512)a);
+  return r * (1.5f - 0.5f * a * r * r);
+#else
+  V r = {};
+  for (int i = 0; i < WIDTH; i++) r[i] = 1 / __builtin_sqrtf(a[i]);
+  return r;
+#endif
+}
+static inline V floored(V a) {
+#if defined(__AVX512F__)
+  return (V)_mm512_floor_ps((__m512)a);
+#else
+  V cut = real(whole(a));
+  return cut > a ? cut - 1 : cut;
+#endif
+}
+static inline V load(const float* p) {
+  V r = {};
+  std::memcpy(&r, p, sizeof r);
+  return r;
+}
+static inline I gathered(const int32_t* from, I at) {
+#if defined(__AVX512F__)
+  return (I)_mm512_i32gather_epi32((__m512i)at, from, 4);
+#else
+  I r = {};
+  for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
+  return r;
+#endif
+}
+
+// e^-x for x ≥ 0, to 2e-7 of it: 2^n times a series on ±½ ln 2
+static inline V decay(V x) {
+  x = lesser(x, all(87.0f));
+  I n = whole(x * 1.44269504f + 0.5f);
+  V f = x - real(n) * 0.693359375f + real(n) * 2.12194440e-4f;
+  V p = 1 - f * (1 - f * (0.5f - f * (1 / 6.f - f * (1 / 24.f - f * (1 / 120.f - f * (1 / 720.f))))));
+  return p * (V)((127 - n) << 23);
+}
+
+// ln x for normal x > 0: the exponent, and a series in (m - 1) / (m + 1) of the mantissa
+static inline V logarithm(V x) {
+  I bits = (I)x, e = ((bits - 0x3f3504f3) >> 23);
+  V m = (V)(bits - (e << 23)), s = (m - 1) / (m + 1), q = s * s;
+  V series = 1 + q * (1 / 3.f + q * (0.2f + q * (1 / 7.f + q * (1 / 9.f))));
+  return 2 * s * series + real(e) * 0.69314718f;
+}
+
+static inline V mean_transmission(V start, V end, V at_start, V at_end) {
+  V x = end - start;
+  I small = (x < SERIES) & (x > -SERIES);
+  V series = at_start * (1 - x * (1 / 2.f) * (1 - x * (1 / 3.f) * (1 - x * (1 / 4.f) * (1 - x * (1 / 5.f) *
+             (1 - x * (1 / 6.f))))));
+  return small ? series : (at_start - at_end) / (small ? all(1) : x);
+}
+
+// Thicknesses of layers in a tiled texture, as whole numbers packed into words; one texel is repeated beyond
+// the right and lower edge, so that no neighbour needs wrapping.
+struct Texture {
+  const int32_t* words;  // (height + 2, width + 2) per word, one word after the other
+  const float* coded;    // least thickness, then that of one unit, per boundary [mm]
+  const float* maps;     // (height + 2, width + 2) per coefficient
+  int height, width;
+  float down, across;  // 1 / height, 1 / width
+};
+
+struct Corner {
+  I at;
+  V fx, fy;
+};
+
+static inline Corner corner(const Texture& t, V x, V y) {
+  V left = floored(x), top = floored(y);
+  V x0 = left - floored(left * t.across) * float(t.width), y0 = top - floored(top * t.down) * float(t.height);
+  return {whole(y0) * (t.width + 2) + whole(x0), x - left, y - top};
+}
+
+static inline V blend(const Corner& k, V a, V b, V c, V d) {
+  V above = a + k.fx * (b - a), below = c + k.fx * (d - c);
+  return above + k.fy * (below - above);
+}
+
+static inline void look_up(const Texture& t, V x, V y, V depth[B]) {
+  Corner k = corner(t, x, y);
+  const int row = t.width + 2, plane = row * (t.height + 2), mask = (1 << BITS) - 1;
+  V sum = {};
+  I a = {}, b = {}, c = {}, d = {};
+#pragma GCC unroll 16
+  for (int i = 0; i < B; i++) {
+    const int shift = BITS * (i % PER_WORD);
+    if (shift == 0) {
+      const int32_t* p = t.words + plane * (i / PER_WORD);
+      a = gathered(p, k.at), b = gathered(p + 1, k.at);
+      c = gathered(p + row, k.at), d = gathered(p + row + 1, k.at);
+    }
+    V unit = blend(k, real((a >> shift) & mask), real((b >> shift) & mask), real((c >> shift) & mask),
+                   real((d >> shift) & mask));
+    sum += t.coded[i] + t.coded[B + i] * unit;
+    depth[i] = sum;
+  }
+}
+
+// σs, σt and g: numbers, or looked up under M
+#if MAPPED
+typedef V K;
+#else
+typedef float K;
+#endif
+struct Coefficients {
+  K sigma_s[L][C], sigma_t[L][C], g[L][G];
+};
+
+static inline void coefficients(const Texture& t, const float* numbers, V x, V y, Coefficients& m) {
+#if MAPPED
+  Corner k = corner(t, x, y);
+  const int row = t.width + 2, plane = row * (t.height + 2);
+  K* out = &m.sigma_s[0][0];
+  for (int i = 0; i < L * (2 * C + G); i++) {
+    const int32_t* p = (const int32_t*)(t.maps + (size_t)plane * i);
+    out[i] = blend(k, (V)gathered(p, k.at), (V)gathered(p + 1, k.at), (V)gathered(p + row, k.at),
+                   (V)gathered(p + row + 1, k.at));
+  }
+#else
+  (void)t, (void)x, (void)y;
+  std::memcpy(&m, numbers, sizeof m);
+#endif
+}
+
+struct Ray {
+  V x, y, dx, dy, length, view_n, view_s, offset, n_s, nearer;
+};
+struct Lamp {
+  V light_n, light_s, aside_x, aside_y, light_view, nearness, first, second, power[C];
+};
+
+// What M(t) and its plane are like, whatever the light
+struct Place {
+  V t, fraction, rest, shrink, height, x, y, depth[B];
+};
+
+static inline Place place(const Texture& tex, const Ray& r, V fraction) {
+  Place m;
+  V t = fraction * r.length;
+  m.t = t, m.fraction = fraction, m.rest = 1 - m.fraction;
+  m.shrink = inverse_root(m.rest * m.rest + m.fraction * m.fraction + 2 * m.rest * m.fraction * r.n_s);
+  V along = t * (m.rest * r.view_n + m.fraction * r.view_s) + m.fraction * r.offset * (m.rest + m.fraction * r.n_s);
+  m.height = (along < 0 ? -along : along) * m.shrink;
+  m.x = r.x + t * r.dx, m.y = r.y + t * r.dy;
+  look_up(tex, m.x, m.y, m.depth);
+  return m;
+}
+
+// The way of one light to M
+struct Entry {
+  V way, boundary[B], arrives, straight, cosine;
+};
+
+static inline Entry entry(const Texture& tex, const Ray& r, const Lamp& l, const Place& m) {
+  Entry e;
+  V near = l.nearness * m.t;
+  V stretch = inverse_root(greater(1 + near * (2 * l.light_view + near), all(1e-4f)));
+  V facing = (m.rest * (l.light_n + near * r.view_n) + m.fraction * (l.light_s + near * r.view_s)) * stretch * m.shrink;
+  e.cosine = greater(facing, all(LEAST_LIGHT_COS));
+  V slant = inverse(e.cosine);
+  e.way = m.height * slant;
+  V reach = e.way * stretch, depth[B];
+  look_up(tex, m.x + reach * (l.aside_x - near * r.dx), m.y + reach * (l.aside_y - near * r.dy), depth);
+  for (int i = 0; i < B; i++) e.boundary[i] = 0.5f * (m.depth[i] + depth[i]) * slant;
+  V seen = l.first + (l.second - l.first) * lesser(m.fraction * r.nearer, all(1));
+  e.arrives = facing > 0 ? seen * stretch * stretch : V{};
+  e.straight = (l.light_view + near) * stretch;
+  return e;
+}
+
+static inline V scattered(V cosine, V g) {
+#if SCHLICK
+  V base = 1 + g * cosine;
+  return (1 - g * g) * (1 / PI4) * inverse(base * base);
+#else
+  V base = 1 + g * g + 2 * g * cosine;
+  V r = inverse_root(base);
+  return (1 - g * g) * (1 / PI4) * r * r * r;
+#endif
+}
+
+// Optical depth over what lies above each boundary of a path
+static inline V optical(const V within[L], const Coefficients& k, int c) {
+  V sum = {};
+  for (int i = 0; i < B; i++) sum += (i + 1 < L ? k.sigma_t[i][c] - k.sigma_t[i + 1 < L ? i + 1 : 0][c] : k.sigma_t[i][c]) * within[i];
+  if (ENDLESS) sum += k.sigma_t[L - 1][c] * within[L - 1];
+  return sum;
+}
+
+static inline void crossed(V way, const V boundary[B], V within[L]) {
+  for (int i = 0; i < B; i++) within[i] = lesser(way, boundary[i]);
+  if (ENDLESS) within[L - 1] = way;
+}
+
+struct State {
+  V passed[C], total[C];
+};
+
+// What an infinite last layer adds beyond the end of the ray
+static inline void tail(const Coefficients& k, const Ray& r, const Lamp& l, const Entry& e, State& s) {
+  V within[L];
+  crossed(e.way, e.boundary, within);
+  for (int c = 0; c < C; c++) {
+    V slope = k.sigma_t[L - 1][c] * (1 + r.view_s / e.cosine);
+    V share = e.arrives * scattered(e.straight, k.g[L - 1][std::min(c, G - 1)] - V{});
+    V left = decay(s.passed[c] + optical(within, k, c));
+    s.total[c] += l.power[c] * k.sigma_s[L - 1][c] * share * left / greater(slope, all(1e-30f));
+  }
+}
+
+static inline V any(K x) { return x - V{}; }
+
+static void uniform(const Texture& tex, const float* numbers, const Ray& r, const Lamp* lamps, int lights, V jitter,
+                    int samples, State& s) {
+  Coefficients k;
+  const float share = 1 / float(samples);
+  V step = r.length * share;
+  for (int n = 0; n < samples; n++) {
+    Place m = place(tex, r, positive((float(n) + jitter) * share));
+    coefficients(tex, numbers, m.x, m.y, k);
+    V below = m.t * r.view_s, here[C], gain[C], g[G];
+    for (int c = 0; c < C; c++) here[c] = ENDLESS ? any(k.sigma_t[L - 1][c]) : V{}, gain[c] = ENDLESS ? any(k.sigma_s[L - 1][c]) : V{};
+    for (int c = 0; c < G; c++) g[c] = any(k.g[L - 1][c]);
+    for (int i = B - 1; i >= 0; i--) {
+      I above = below < m.depth[i];
+      for (int c = 0; c < C; c++) here[c] = above ? any(k.sigma_t[i][c]) : here[c], gain[c] = above ? any(k.sigma_s[i][c]) : gain[c];
+      for (int c = 0; c < G; c++) g[c] = above ? any(k.g[i][c]) : g[c];
+    }
+    for (int j = 0; j < lights; j++) {
+      const Lamp& l = lamps[j];
+      Entry e = entry(tex, r, l, m);
+      V within[L], phase[G];
+      crossed(e.way, e.boundary, within);
+      for (int c = 0; c < G; c++) phase[c] = e.arrives * step * scattered(e.straight, g[c]);
+      for (int c = 0; c < C; c++)
+        s.total[c] += l.power[c] * gain[c] * phase[std::min(c, G - 1)] * decay(s.passed[c] + optical(within, k, c));
+    }
+    for (int c = 0; c < C; c++) s.passed[c] += here[c] * step;
+  }
+  if (ENDLESS)
+    for (int j = 0; j < lights; j++) {
+      Place m = place(tex, r, all(1));
+      coefficients(tex, numbers, m.x, m.y, k);
+      tail(k, r, lamps[j], entry(tex, r, lamps[j], m), s);
+    }
+}
+
+// One light's share in a step that `pieces` has cut
+static inline void gather(const Coefficients& k, const Lamp& l, const Entry& a, const Entry& b, const V share[L][G],
+                          const V at[L + 1], const V so_far[L + 1][C], const V stretch[L], State& s) {
+  V depth[C], left[C];
+  for (int p = 0; p <= L; p++) {
+    V way = a.way + at[p] * (b.way - a.way), inward[B], within[L];
+    for (int i = 0; i < B; i++) inward[i] = a.boundary[i] + at[p] * (b.boundary[i] - a.boundary[i]);
+    crossed(way, inward, within);
+    for (int c = 0; c < C; c++) {
+      V here = s.passed[c] + so_far[p][c] + optical(within, k, c), e = decay(here);
+      if (p > 0)
+        s.total[c] += l.power[c] * k.sigma_s[p - 1][c] * share[p - 1][std::min(c, G - 1)] * stretch[p - 1] *
+                      mean_transmission(depth[c], here, left[c], e);
+      depth[c] = here, left[c] = e;
+    }
+  }
+}
+
+struct Before {
+  Entry entry;
+  V share[L][G];
+};
+
+static void exact(const Texture& tex, const float* numbers, const Ray& r, const Lamp* lamps, int lights, float rate,
+                  int samples, Before* before, State& s) {
+  V beta = lesser(greater(r.length * rate, all(0.05f)), all(9.0f)), gone = 1 - decay(beta);
+  Place m0{};
+  Coefficients k0{}, k1, k;
+  V at[L + 1], so_far[L + 1][C], stretch[L];
+  for (int n = 0; n <= samples; n++) {
+    // dense where light is; the first logarithm is 0 but for rounding
+    V knot = n == 0 ? V{} : n == samples ? all(1) : -logarithm(1 - float(n) / float(samples) * gone) / beta;
+    Place m1 = place(tex, r, knot);
+    coefficients(tex, numbers, m1.x, m1.y, k1);
+    if (n > 0) {
+      for (int i = 0; i < int(sizeof k / sizeof(K)); i++)
+        (&k.sigma_s[0][0])[i] = MAPPED ? 0.5f * ((&k0.sigma_s[0][0])[i] + (&k1.sigma_s[0][0])[i]) : (&k1.sigma_s[0][0])[i];
+      V above[L + 1];
+      above[0] = V{};
+      I rising = {};
+      for (int i = 0; i < B; i++) {
+        V left0 = m0.depth[i] - m0.t * r.view_s, left1 = m1.depth[i] - m1.t * r.view_s;
+        V most = positive(greater(left0, left1)), least = positive(-lesser(left0, left1));
+        above[i + 1] = greater(most / greater(most + least, all(1e-30f)), above[i]);
+        rising |= (left1 > 0) & (left0 <= 0);
+      }
+      if (ENDLESS) above[L] = all(1);
+      for (int c = 0; c < C; c++) so_far[0][c] = V{};
+      for (int i = 0; i < L; i++) {
+        stretch[i] = (above[i + 1] - above[i]) * (m1.t - m0.t);
+        for (int c = 0; c < C; c++) so_far[i + 1][c] = so_far[i][c] + k.sigma_t[i][c] * stretch[i];
+      }
+      V whole_step[C];
+      for (int c = 0; c < C; c++) whole_step[c] = so_far[L][c];
+      for (int p = 0; p <= L; p++) {
+        at[p] = rising ? 1 - above[p] : above[p];
+        for (int c = 0; c < C; c++) so_far[p][c] = rising ? whole_step[c] - so_far[p][c] : so_far[p][c];
+      }
+      for (int j = 0; j < lights; j++) {
+        Before& b = before[j];
+        Entry e = entry(tex, r, lamps[j], m1);
+        V share[L][G];
+        for (int i = 0; i < L; i++)
+          for (int c = 0; c < G; c++) {
+            V next = e.arrives * scattered(e.straight, any(k1.g[i][c]));
+            share[i][c] = 0.5f * (b.share[i][c] + next);
+            b.share[i][c] = next;
+          }
+        gather(k, lamps[j], b.entry, e, share, at, so_far, stretch, s);
+        b.entry = e;
+      }
+      for (int c = 0; c < C; c++) s.passed[c] += whole_step[c];
+    } else {
+      for (int j = 0; j < lights; j++) {
+        Entry e = before[j].entry = entry(tex, r, lamps[j], m1);
+        for (int i = 0; i < L; i++)
+          for (int c = 0; c < G; c++) before[j].share[i][c] = e.arrives * scattered(e.straight, any(k1.g[i][c]));
+      }
+    }
+    m0 = m1, k0 = k1;
+  }
+  if (ENDLESS)
+    for (int j = 0; j < lights; j++) tail(k1, r, lamps[j], before[j].entry, s);
+}
+
+// Points first … last of `points`; `rays` (10, points), `lights` (count, 11, points), `jitter` (points) or null;
+// `samples` above 0 are exact steps spaced by `rate`, below 0 uniform samples. Fills `result` (3, points).
+extern "C" void march(const int32_t* words, const float* coded, const float* maps, int height, int width,
+                      const float* numbers, const float* rays, const float* lights, int count,
+                      const float* jitter, int samples, float rate, int64_t first, int64_t last, int64_t points,
+                      float* result) {
+  const Texture tex{words, coded, maps, height, width, 1 / float(height), 1 / float(width)};
+  std::vector<Lamp> lamps(count);
+  std::vector<Before> before(count);
+  for (int64_t p = first; p < last; p += WIDTH) {
+    const int lanes = int(std::min<int64_t>(WIDTH, last - p));
+    auto row = [&](const float* from) {
+      if (lanes == WIDTH) return load(from + p);
+      V r = {};
+      for (int i = 0; i < WIDTH; i++) r[i] = from[p + std::min(i, lanes - 1)];
+      return r;
+    };
+    V rows[LIGHT];
+    Ray r;
+    for (int i = 0; i < RAY; i++) rows[i] = row(rays + i * points);
+    std::memcpy(&r, rows, sizeof r);
+    for (int j = 0; j < count; j++) {
+      for (int i = 0; i < LIGHT; i++) rows[i] = row(lights + (int64_t(j) * LIGHT + i) * points);
+      std::memcpy(&lamps[j], rows, sizeof(Lamp));
+    }
+    State s{};
+    if (samples > 0)
+      exact(tex, numbers, r, lamps.data(), count, rate, samples, before.data(), s);
+    else
+      uniform(tex, numbers, r, lamps.data(), count, jitter ? row(jitter) : V{}, -samples, s);
+    for (int c = 0; c < C; c++)
+      for (int i = 0; i < lanes; i++) result[c * points + p + i] = s.total[c][i];
+  }
+}

@@ -1,0 +1,122 @@
+"""The march as one compiled loop: every sample and light of a point before the next point."""
+
+import ctypes
+from pathlib import Path
+
+import torch
+
+from texsss.numerics.native import library
+from texsss.numerics.threads import in_threads
+from texsss.transport.march.interior import Interior
+from texsss.transport.march.kernel import framed
+from texsss.types import Float, Tensor, chunks
+
+SOURCE = Path(__file__).with_name("fused.cpp")
+BLOCK = 1 << 14  # points a thread takes at a time
+MOST_BOUNDARIES = 16
+
+
+class Fused:
+    """The compiled loop for one interior, float32; `ready` is False where there is none."""
+
+    def __init__(self, interior: Interior, phase: str):
+        home = interior.sigma_t.detach()
+        boundaries = interior.depth.shape[-1]
+        fields = [interior.sigma_s, interior.sigma_t, interior.g]
+        mapped = interior.varies
+        alike = bool((interior.g == interior.g[..., :1]).all())
+        self.ready = False
+        if boundaries > MOST_BOUNDARIES or home.dtype != torch.float32 or home.device.type != "cpu":
+            return
+        found = _loop(boundaries, interior.bottomless, phase == "schlick", not alike, mapped)
+        if found is None:
+            return
+        self.ready = True
+        self._march = found.march
+        self._march.restype = None
+        height, width = interior.depth.shape[:2]
+        self._size = (height, width)
+        self._words, self._coded = packed(interior.depth)
+        wide = [x.expand(*x.shape[:-1], 3) for x in fields]
+        if alike:
+            wide[2] = wide[2][..., :1]
+        if mapped:
+            flat = [x.expand(height, width, *x.shape[-2:]).flatten(2) for x in wide]
+            self._maps = framed(torch.cat(flat, -1))
+            self._numbers = home.new_zeros(1)
+        else:
+            self._maps = home.new_zeros(1)
+            self._numbers = torch.cat([x.flatten() for x in wide]).contiguous()
+
+    def __call__(
+        self,
+        ray: Float[Tensor, "10 P"],
+        lights: Float[Tensor, "N 11 P"],
+        jitter: Float[Tensor, " P"] | None,
+        method: str,
+        samples: int,
+        rate: float,
+    ) -> Float[Tensor, "P 3"]:
+        """Radiance inside [W/(m² sr)]; exact steps are spaced by `rate`."""
+        points = ray.shape[1]
+        tables = [x.contiguous() for x in (ray, lights)]
+        shift = None if jitter is None else jitter.contiguous()
+        result = ray.new_empty(3, points)
+        pointer = [x.data_ptr() for x in (self._words, self._coded, self._maps, self._numbers, *tables)]
+
+        def work(row: slice) -> None:
+            self._march(
+                *map(ctypes.c_void_p, pointer[:3]),
+                *map(ctypes.c_int, self._size),
+                *map(ctypes.c_void_p, pointer[3:]),
+                ctypes.c_int(len(lights)),
+                ctypes.c_void_p(None if shift is None else shift.data_ptr()),
+                ctypes.c_int(samples if method == "exact" else -samples),
+                ctypes.c_float(rate),
+                *map(ctypes.c_int64, (row.start, row.stop, points)),
+                ctypes.c_void_p(result.data_ptr()),
+            )
+
+        in_threads(work, chunks(points, BLOCK))
+        return result.T
+
+
+def build_usual() -> None:
+    """Builds the loops of one to three layers that need no maps of coefficients, unless they are there."""
+    for boundaries in range(3):
+        _loop(boundaries, True, False, False, False)
+
+
+def _loop(
+    boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool
+) -> ctypes.CDLL | None:
+    macros = {"BOUNDARIES": boundaries, "ENDLESS": int(endless), "SCHLICK": int(schlick)}
+    return library(SOURCE, macros | {"G_CHANNELS": 3 if coloured_g else 1, "MAPPED": int(mapped)})
+
+
+def packed(
+    depth: Float[Tensor, "H W B"],
+) -> tuple[Tensor, Float[Tensor, " 2*B"]]:
+    """Depths as 32-bit words (words, H + 2, W + 2), and least thickness and unit of each layer [mm].
+
+    Thicknesses are kept as whole numbers between the least and the greatest of their layer, so that
+    boundaries stay in order and layers of one thickness stay exact: 24 bits for one boundary, 16 for two
+    or four and more, 10 for three, whose rounding is a share of 5e-4 of what the layer varies by.
+    """
+    height, width, boundaries = depth.shape
+    if boundaries == 0:
+        return framed(torch.zeros(height, width, 1, dtype=torch.int32)), depth.new_zeros(0)
+    per_word = {1: 1, 3: 3}.get(boundaries, 2)
+    bits = {1: 24, 2: 16, 3: 10}[per_word]
+    thickness = torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1])).reshape(-1, boundaries)
+    least = thickness.amin(0)
+    unit = (thickness.amax(0) - least) / (2**bits - 1)
+    scale = torch.where(unit > 0, 1 / unit.clamp_min(1e-30), 0)
+    whole = ((thickness - least) * scale).round().to(torch.int32)
+    words = []
+    for first in range(0, boundaries, per_word):
+        word = whole[:, first].clone()
+        for i in range(1, min(per_word, boundaries - first)):
+            word |= whole[:, first + i] << (bits * i)
+        words.append(word.reshape(height, width))
+    return framed(torch.stack(words, -1)), torch.cat([least, unit])
