@@ -70,6 +70,22 @@ def state(page) -> dict:
     return page.evaluate("window.texsss.store.state")
 
 
+def drop(page, path) -> None:
+    """Drops a file on the picture, as a file manager would."""
+    data = base64.b64encode(path.read_bytes()).decode()
+    page.evaluate(
+        """([name, data]) => {
+          const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+          const transfer = new DataTransfer();
+          transfer.items.add(new File([bytes], name));
+          const view = document.querySelector('#view');
+          const options = { dataTransfer: transfer, bubbles: true, cancelable: true };
+          view.dispatchEvent(new DragEvent('drop', options));
+        }""",
+        [path.name, data],
+    )
+
+
 class Gate:
     """Passes bytes between an address of its own and a server's, while it is open."""
 

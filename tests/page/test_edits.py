@@ -1,10 +1,8 @@
 """What people do: sliders, undo, links, comparisons, files; and that the camera stays meanwhile."""
 
-import base64
-
 import numpy as np
 import pytest
-from paging import METHODS, pixels, pose, settle, state
+from paging import METHODS, drop, pixels, pose, settle, state
 from PIL import Image
 from serving import torus_obj
 
@@ -204,19 +202,3 @@ PROBLEM = {
     "errors": [{"pointer": "/material/layers/0/thickness_mm", "in": "body", "detail": "Expected less."}],
 }
 TYPE = {"content-type": "application/problem+json"}
-
-
-def drop(page, path) -> None:
-    """Drops a file on the picture, as a file manager would."""
-    data = base64.b64encode(path.read_bytes()).decode()
-    page.evaluate(
-        """([name, data]) => {
-          const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
-          const transfer = new DataTransfer();
-          transfer.items.add(new File([bytes], name));
-          const view = document.querySelector('#view');
-          const options = { dataTransfer: transfer, bubbles: true, cancelable: true };
-          view.dispatchEvent(new DragEvent('drop', options));
-        }""",
-        [path.name, data],
-    )

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paging import METHODS, Gate, pixels, pose, settle, state, until
+from paging import METHODS, Gate, drop, pixels, pose, settle, state, until
+from serving import torus_obj
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 TABS = ("Material", "Light", "Object", "Inside")
@@ -63,6 +64,31 @@ def test_phone(visit):
     np.testing.assert_allclose(pose(page)["position_mm"], stood["position_mm"], rtol=1e-3)
 
 
+def test_the_object_stays_in_view_when_a_phone_is_turned(visit):
+    page = visit(viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True)
+    upright, margin = pose(page), edges(page)
+    page.set_viewport_size({"width": 800, "height": 390})
+    until(page, "texsss.viewer.camera.aspect > 1.1")
+    assert pose(page) != upright
+    for turned in (margin, edges(page)):
+        assert 0.04 < min(turned) < 0.12, "it fills the window, and all of it is seen"  # framed to 86 %
+    page.set_viewport_size({"width": 390, "height": 800})
+    until(page, "texsss.viewer.camera.aspect < 1.1")
+    np.testing.assert_allclose(pose(page)["position_mm"], upright["position_mm"], rtol=1e-6, atol=1e-6)
+
+
+def edges(page) -> list[float]:
+    """How far the object stays from the left, right, top and bottom of the window, of its size."""
+    seen = pixels(page)
+    page.evaluate("texsss.viewer.surface.mesh.material.visible = false")
+    page.evaluate("texsss.viewer.surface.dress = () => {}")
+    there = np.abs(seen - pixels(page)).max(2) > 6
+    page.evaluate("delete texsss.viewer.surface.dress; texsss.viewer.surface.mesh.material.visible = true")
+    rows, columns = np.nonzero(there.any(1))[0], np.nonzero(there.any(0))[0]
+    height, width = there.shape
+    return [columns[0] / width, 1 - columns[-1] / width, rows[0] / height, 1 - rows[-1] / height]
+
+
 def test_the_context_comes_back(visit):
     page = visit()
     before = pixels(page)
@@ -90,6 +116,28 @@ def test_the_service_goes_and_comes_back(visit, page_server):
         assert len(state(page)["layers"]) == 2
         page.goto("about:blank")  # it asks the service no more
     page.said[:] = [text for text in page.said if not any(word in text for word in GONE)]
+
+
+def test_files_that_a_new_service_does_not_know_are_sent_again(visit, page_server, tmp_path):
+    page = visit()
+    mesh = tmp_path / "mine.obj"
+    mesh.write_bytes(torus_obj(tube=25))
+    settle(page, lambda: drop(page, mesh))
+    asset = state(page)["mesh"]["source"]["asset"]
+    with page_server.client() as client:
+        assert client.delete(f"/v1/assets/{asset}").status_code == 204
+        settle(page, lambda: page.get_by_role("button", name="Jade").click())
+        assert client.get(f"/v1/assets/{asset}").json()["name"] == "mine.obj"
+        assert page.get_by_role("alert").filter(visible=True).count() == 0
+
+        assert client.delete(f"/v1/assets/{asset}").status_code == 204
+        page.reload()  # now the page does not hold the file either
+        said = page.get_by_role("alert").filter(has_text="no longer has your files")
+        said.wait_for()
+        assert "the mesh" in said.inner_text() and "Drop it" in said.inner_text()
+        settle(page, lambda: drop(page, mesh))
+    assert state(page)["mesh"]["source"]["asset"] == asset
+    page.said.clear()  # the browser logs every 4xx as an error
 
 
 GONE = ("REFUSED", "RESET", "EMPTY_RESPONSE")
@@ -158,6 +206,20 @@ def test_looks_inside(visit):
     settle(page, lambda: page.get_by_label("Show", exact=True).select_option("picture"))
     rows = page.locator(".numbers tbody tr")
     assert rows.count() == 7 and "Mean free path" in rows.first.inner_text()
+
+
+def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
+    page = visit()
+    page.get_by_role("tab", name="Inside").click()
+    page.get_by_label("Show", exact=True).select_option("single")
+    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    alone = pixels(page)
+    assert state(page)["methods"]["single_scattering"] == "none"
+    page.get_by_label("Show", exact=True).select_option("picture")
+    until(page, "texsss.viewer.uniforms.marched.value === 0")
+    assert abs(pixels(page) - alone).mean() > 2
+    blue = alone.mean((0, 1))
+    assert blue[2] > blue[0], "skin scatters blue back first"
 
 
 def test_the_march_is_blended_in_at_rest(visit):

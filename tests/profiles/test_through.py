@@ -45,6 +45,18 @@ def test_without_a_far_side_nothing_passes():
     torch.testing.assert_close(back.total[:1], R, rtol=1e-3, atol=0)
 
 
+@pytest.mark.parametrize(
+    "layers", [[Layer(preset("skin1"))], [Layer(preset("skin1"), 0.5), Layer(preset("skin2"))]]
+)
+def test_parts_without_a_far_side_leave_the_rest_as_it_is(layers):
+    """Thicknesses that differ by half a percent stay apart, however thick another part is."""
+    stack, thickness = Stack(layers), torch.logspace(0, 1, 20_000)
+    _, alone = weights_through(stack, LADDER, thickness)
+    _, beside = weights_through(stack, LADDER, torch.cat([thickness, torch.full((9,), torch.inf)]))
+    torch.testing.assert_close(beside.total[: len(thickness)], alone.total, rtol=0, atol=1e-5)
+    assert float(beside.total[:-9].diff(dim=0).abs().max()) < 0.004  # 2.1e-3 measured
+
+
 def test_layers_come_again_on_the_far_side():
     stack = Stack([Layer(preset("skin1"), 0.5), Layer(preset("skin2"))])
     table = mirrored(stack.table().to(torch.float32), torch.tensor([5.0, 0.6]))

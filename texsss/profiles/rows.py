@@ -2,12 +2,13 @@
 
 import torch
 
-from texsss.media.stack import LayerTable
+from texsss.media.stack import FAR_MM, LayerTable
 from texsss.numerics.threads import in_threads
 from texsss.types import Float, Int, Tensor, chunks
 
 TABLE = 8  # texels per row, from which rows are few enough as they are
 MAPS = 2  # that vary independently, at most, for rounding to make a table of them
+ENDLESS = FAR_MM / 2  # thicker layers have no end; no other column holds numbers as large
 ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
 SAMPLE = 2**14  # rows that are looked at before all are compared
 FEW = 256  # rows that show which columns vary together
@@ -73,7 +74,7 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     row, sets = _numbered(row)
     first = torch.full((sets,), count, device=row.device)
     first.scatter_reduce_(0, row, torch.arange(count, device=row.device), "amin")
-    low, high = some[:, columns].aminmax(dim=0)
+    low, high = _range(some[:, columns])
     least = float((high - low).min()) / ALIKE
     moving = {int(column) // width for column in columns}
 
@@ -107,8 +108,20 @@ def _all_differ(few: LayerTable, levels: int | None) -> bool:
 
 def _keys(varying: Float[Tensor, "P F"]) -> Float[Tensor, "P F"]:
     """Columns in steps of their range: look-ups round what is equal in a map, by some 1e-6 of it."""
-    low, high = varying.aminmax(dim=0)
-    return torch.round((varying - low) * (ALIKE / (high - low)))
+    low, high = _range(varying)
+    steps = torch.round((varying - low) * (ALIKE / (high - low)))
+    return torch.where(varying > ENDLESS, steps.new_tensor(ALIKE + 1), steps)
+
+
+def _range(values: Float[Tensor, "P F"]) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
+    """Least and greatest value of every column, but for endless layers: in steps of their size all are one.
+
+    Where nothing else differs, the range is as wide as the value.
+    """
+    near = values <= ENDLESS
+    low = torch.where(near, values, torch.inf).amin(0).clamp_max(FAR_MM)
+    high = torch.where(near, values, -torch.inf).amax(0)
+    return low, torch.where(high > low, high, 2 * low.abs() + 1e-30)
 
 
 def _independent(varying: Float[Tensor, "P F"]) -> int:

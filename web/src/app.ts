@@ -295,8 +295,8 @@ export class App {
 
   private async problem(error: unknown): Promise<void> {
     const lost = error instanceof Problem && error.errors.some((one) => one.pointer.endsWith("/asset"));
-    if (lost && (await this.files.again())) this.live.again();
-    else showProblem(error);
+    if (!lost) showProblem(error);
+    else if (await this.files.again()) this.live.again();
   }
 
   private announce(text: string): void {

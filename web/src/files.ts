@@ -117,13 +117,18 @@ export class Files {
     }
   }
 
-  /** Sends again what a service that was started anew has lost; whether that was all. */
+  /** Sends again what a service that was started anew has lost; whether that was all. Else says what to do. */
   async again(): Promise<boolean> {
-    const named = JSON.stringify([this.store.state.mesh, this.store.state.maps]);
-    const missing = [...named.matchAll(/"asset":"([0-9a-f]{64})"/g)].map((match) => match[1]);
-    const files = missing.map((asset) => this.kept.get(asset));
-    if (!missing.length || files.includes(undefined)) return false;
-    const sent = await Promise.all(files.map((file) => this.upload(file!)));
-    return sent.every(Boolean);
+    const { mesh, maps } = this.store.state;
+    const sources = [["the mesh", mesh.source] as const, ...Object.entries(maps).map(([name, map]) => [name, map.source] as const)];
+    const gone: string[] = [];
+    for (const [name, { asset }] of sources) {
+      if (!asset) continue;
+      const file = this.kept.get(asset);
+      if (!file) gone.push(this.names[asset] ?? name);
+      else if (!(await this.upload(file))) return false; // why has been said
+    }
+    if (gone.length) toast("The service no longer has your files", `It was started anew, and this page does not hold ${gone.join(", ")}. Drop ${gone.length > 1 ? "them" : "it"} on the picture again, or choose a scene under Object.`);
+    return !gone.length;
   }
 }

@@ -39,7 +39,7 @@ export class Marching {
 
   get wanted(): boolean {
     const { single_scattering, diffusion } = this.host.state().methods;
-    const depends = single_scattering !== "none" || (diffusion === "parallax" && !this.alone);
+    const depends = this.alone || single_scattering !== "none" || diffusion === "parallax";
     return depends && this.host.allowed();
   }
 
@@ -116,6 +116,7 @@ export class Marching {
     const scale = Math.min(1, Math.sqrt(pixels / (width * height)));
     const resolution = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
     const scene = { ...toScene(this.host.state()), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
+    if (this.alone && scene.methods.single_scattering === "none") scene.methods.single_scattering = "exact";
     const image = this.alone ? "single" : "picture";
     const response = await api.image(scene, image, { ...options, accept: "application/x-npy" });
     const values = parseNpy(await response.arrayBuffer());

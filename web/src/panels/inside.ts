@@ -26,12 +26,14 @@ const STOPS: Stop[] = [
   { key: "gaussian", name: "2 … spread out", what: "The same light blurred by one Gaussian. All materials share these copies.", show: "light", unit: "W/m²", image: "gaussian-N", of: "gaussian" },
   { key: "weight", name: "3 … weighed", what: "How much of that copy the material takes: from its layers, per colour (green shown).", show: "data", unit: "", image: "weight-N", of: "gaussian" },
   { key: "exitance", name: "4 Light that leaves", what: "The weighed sum of all copies, times the colour map.", show: "light", unit: "W/m²", image: "exitance" },
-  { key: "single", name: "First bounce alone", what: "Light scattered once, marched through the layers for this view. Set “First bounce” below to see it.", show: "picture", unit: "", image: "diffused" },
+  { key: "single", name: "First bounce alone", what: "Light scattered once and no more, marched through the layers for this view each time it rests. “First bounce” below says whether the picture has it from here.", show: "picture", unit: "", image: "diffused" },
   { key: "thickness", name: "Thickness of a layer", what: "As given or painted [mm].", show: "data", unit: "mm", image: "thickness-N", of: "layer" },
   { key: "texel-mm", name: "Texel size", what: "Edge of a texel on the surface: large ones blur what light does.", show: "data", unit: "mm", image: "texel-mm" },
   { key: "normal", name: "Normals", what: "Where the surface faces: red right, green up, blue front.", show: "direction", unit: "", image: "normal" },
   { key: "position", name: "Positions", what: "Where each texel lies in space.", show: "direction", unit: "mm", image: "position" },
 ];
+
+const WAITING = 0.15; // of the picture's light, where another is on its way
 
 export interface InsideHost {
   viewer: Viewer;
@@ -120,6 +122,7 @@ export class InsidePanel {
     const { stop } = this;
     this.legend.hidden = true;
     this.host.viewer.setShow(stop.show);
+    this.host.viewer.setDim(stop.key === "single" ? WAITING : 1);
     this.host.single(stop.key === "single");
     this.host.look(stop.image.replace("N", this.number.value));
   }

@@ -92,6 +92,7 @@ export const surfaceUniforms = () => ({
   march: uniform<Texture>(blank),
   viewport: uniform(new Vector2(1, 1)),
   marched: uniform(0),
+  dim: uniform(1),
   normalY: uniform(1),
   eta: uniform(1.3),
   transmittance: uniform(1),

@@ -139,6 +139,7 @@ in vec2 vSource;
 out vec4 colour;
 uniform sampler2D lightB;
 uniform float scaleB; // of the image, which may hold fractions
+uniform float dim; // of the picture, while another is on its way
 ${TONE}
 ${DITHER}
 #ifdef ALBEDO
@@ -156,7 +157,7 @@ vec3 tint() { return vec3(1.0); }
 
 #ifdef QUICK
 in vec4 vGloss;
-void main() { colour = vec4(display(texture(lightB, vAtlas).rgb * tint() * (scaleB * vGloss.a) + vGloss.rgb), 1.0); }
+void main() { colour = vec4(display(dim * (texture(lightB, vAtlas).rgb * tint() * (scaleB * vGloss.a) + vGloss.rgb)), 1.0); }
 #else
 
 in vec3 vPosition, vNormal;
@@ -210,6 +211,7 @@ void main() {
   strength = texture(specularMap, vSource).g;
 #endif
   if (unfold < 0.5) light += strength * highlights(n, v, vPosition, rough);
+  light *= dim;
 #ifdef MARCHED
   light = mix(light, texture(march, vec2(gl_FragCoord.x, viewport.y - gl_FragCoord.y) / viewport).rgb, marched);
 #endif

@@ -62,8 +62,7 @@ export class Viewer {
       const { clientWidth: width, clientHeight: height } = this.frame;
       if (!width || !height) return;
       this.sharpen(1, true);
-      this.camera.aspect = width / height;
-      this.camera.updateProjectionMatrix();
+      if (this.reframe(width / height)) events.rested();
       this.draw(false); // at once: a resized canvas is blank until drawn
       events.moved();
     };
@@ -156,6 +155,24 @@ export class Viewer {
     return geometry && framing(geometry, direction, fov_y_deg, this.camera.aspect);
   }
 
+  /** Follows a window of another shape, as when a phone is turned: what was in view stays so. Whether the camera moved. */
+  private reframe(aspect: number): boolean {
+    const { camera, orbit, surface } = this;
+    const direction = camera.position.clone().sub(orbit.target);
+    const fitting = () => surface.geometry && framing(surface.geometry, direction.toArray(), camera.fov, camera.aspect);
+    const before = aspect === camera.aspect ? null : fitting();
+    camera.aspect = aspect;
+    camera.updateProjectionMatrix();
+    const after = before && fitting();
+    if (!before || !after) return false;
+    const [was, is] = [before, after].map((pose) => pose.target_mm.map((from, k) => pose.position_mm[k] - from));
+    const target = orbit.target.toArray().map((at, k) => at + after.target_mm[k] - before.target_mm[k]) as Triple;
+    const factor = Math.hypot(...is) / Math.hypot(...was);
+    const position = direction.toArray().map((away, k) => target[k] + factor * away) as Triple;
+    this.setPose({ position_mm: position, target_mm: target, fov_y_deg: camera.fov });
+    return true;
+  }
+
   /** The baked light [W/m²] on one side of the comparison. */
   setLight(side: "A" | "B", texture: Texture): void {
     const look = this.looks[side];
@@ -193,6 +210,12 @@ export class Viewer {
   setShow(show: Show, range: [number, number] = [0, 1]): void {
     this.surface.show = show;
     this.uniforms.range.value.fromArray(range);
+    this.redraw();
+  }
+
+  /** How much of its light the picture shows. */
+  setDim(share: number): void {
+    this.uniforms.dim.value = share;
     this.redraw();
   }
 
