@@ -103,10 +103,10 @@ def test_numbers_of_the_march_are_followed(visit):
     before = pixels(page)
     noise.fill("800")
     assert page.evaluate("texsss.viewer.uniforms.marched.value") == 1, "it stays while it is pulled"
-    for _ in range(100):
+    for _ in range(150):
         if len(asked) > 1 and abs(pixels(page) - before).max() > 3:
             break
-        page.wait_for_timeout(50)
+        page.wait_for_timeout(200)
     sent = [json.loads(one.post_data)["methods"]["march"]["noise"] for one in asked]
     assert sent and all(value == 0.8 for value in sent)
     assert abs(pixels(page) - before).max() > 3

@@ -184,7 +184,7 @@ export class App {
         this.show();
       },
     });
-    const known = scenes.map(({ name, summary, scene }) => ({ name: spoken(name), summary, show: () => store.replace(fromScene(scene, presets)) }));
+    const known = scenes.map(({ name, summary, scene }) => ({ name: name === "default" ? "Axolotl" : spoken(name), summary, show: () => store.replace(fromScene(scene, presets)) }));
     const surface = new SurfaceSection(store, this.initial, host);
     const view = viewSection(store, this.initial);
     const object = new ObjectPanel(store, { showing: () => this.live.showing, openMesh: () => void this.files.openMesh(), sample: () => this.files.sample(), scene: () => this.scene(), name: () => this.name, scenes: known });

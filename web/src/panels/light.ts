@@ -51,7 +51,7 @@ export class LightPanel {
     );
     this.element.append(
       section("Start from", h("div", { class: "chips", role: "group", "aria-label": "Light to start from" }, ...this.chips)),
-      section("Lights", h("p", { class: "note" }, "Drag the sun in the picture, or hold Shift and drag anywhere: the light goes around the object, behind it too."), this.list),
+      section("Lights", h("p", { class: "note" }, "Drag the sun in the picture, or drag anywhere with Shift or two fingers: the light goes around the object, behind it too."), this.list),
       section("Add", h("div", { class: "buttons", role: "group", "aria-label": "Add a light" }, ...adds)),
     );
   }

@@ -68,8 +68,8 @@ export class CrossSection {
     this.ruler(svg, scale);
     svg.append(...labels);
     svg.setAttribute("aria-label", `Cut through the surface: ${words.length} layers, ${words.join(", ")}`);
-    const reaches = (this.profile?.radius_mm["0.9"] ?? []).map((mm, k) => h("b", { class: ["red", "green", "blue"][k] }, `${plain(Number(mm.toPrecision(2)))} mm `));
-    this.caption.replaceChildren(...(reaches.length ? ["Light that enters here comes out within ", ...reaches, "of red, green and blue."] : [""]));
+    const reaches = (this.profile?.radius_mm["0.9"] ?? []).map((mm, k) => h("b", { class: ["red", "green", "blue"][k] }, plain(Number(mm.toPrecision(2)))));
+    this.caption.replaceChildren(...(reaches.length ? ["Light that enters here comes out within ", ...joined(reaches), " mm: its red, green and blue."] : [""]));
     this.element.replaceChildren(svg, this.caption);
   }
 
@@ -112,3 +112,6 @@ function ink(fill: string): string {
   const [r, g, b] = [1, 3, 5].map((at) => parseInt(fill.slice(at, at + 2), 16));
   return 0.3 * r + 0.59 * g + 0.11 * b > 140 ? "dark" : "light";
 }
+
+/** One, another and a third. */
+const joined = (nodes: Node[]): (Node | string)[] => nodes.flatMap((node, k) => [k === 0 ? "" : k === nodes.length - 1 ? " and " : ", ", node]);
