@@ -3,6 +3,8 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator, Iterator
+from functools import cache
+from itertools import islice
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
@@ -102,7 +104,7 @@ async def scene_body(request: Request, service: TheService) -> Scene:
         raise of_validation(error, data) from None
     except RecursionError:
         raise Problem("malformed-body", f"Expected JSON nested at most {DEEPEST} deep.") from None
-    errors = list(_beyond(scene, service))
+    errors = list(islice(_beyond(scene, service), MOST_TOLD))
     if errors:
         raise Problem("invalid-parameters", errors[0]["detail"], errors=errors)
     return scene
@@ -185,18 +187,25 @@ def _beyond(scene: Scene, service: Service) -> Iterator[dict[str, str]]:
     def fault(pointer: str, code: str, detail: str) -> dict[str, str]:
         return {"pointer": pointer, "in": "body", "code": code, "detail": detail}
 
+    get = cache(service.store.get)  # reads a file
+    pixels: dict[str, int] = {}
     for pointer, source in sources(scene):
         if source.path is not None:
             detail = "Files of the server are not read: upload the file to /v1/assets and name it by asset."
             yield fault(f"{pointer}/path", "path-refused", detail)
         elif source.asset is not None:
-            asset, kind = service.store.get(source.asset), "mesh" if pointer.startswith("/mesh") else "map"
+            asset, kind = get(source.asset), "mesh" if pointer.startswith("/mesh") else "map"
             if asset is None:
                 detail = "No such asset is here (any more); upload it to /v1/assets."
                 yield fault(f"{pointer}/asset", "unknown-asset", detail)
             elif asset.kind != kind:
                 detail = f"Expected a {kind} here, the asset was uploaded as a {asset.kind}."
                 yield fault(f"{pointer}/asset", "wrong-kind", detail)
+            else:
+                pixels[asset.asset] = (asset.width or 0) * (asset.height or 0)
+    if sum(pixels.values()) > settings.max_scene_pixels:
+        detail = f"Expected at most {settings.max_scene_pixels:,} pixels in all maps together here."
+        yield fault("/maps", "too-large", detail)
     for field in ("size", "raster"):
         if (getattr(scene.atlas, field) or 0) > settings.max_atlas:
             detail = f"Expected at most {settings.max_atlas} texels here."

@@ -4,12 +4,16 @@ import io
 import json
 import tempfile
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import torch
 from PIL import Image
+from texsss_server.problems import no_room
 
+from texsss.errors import AssetError
 from texsss.io.exr import write_exr
 from texsss.io.gltf import write_glb
 from texsss.io.images import encode_png
@@ -36,6 +40,16 @@ JPEG_QUALITY = 90
 HALF_MAX = 65504.0
 
 
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder for files that some writers need. Raises Problem: 507 when the disk takes no more."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="texsss-") as folder:
+            yield Path(folder)
+    except (AssetError, OSError) as error:
+        raise no_room(error) from None
+
+
 def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
     """An image in one of `PICTURES`: display values in 0..1, or linear ones for those in `LINEAR`."""
     image = image.detach()
@@ -48,8 +62,8 @@ def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
         np.savez(out, image=image.cpu().numpy())
         return out.getvalue()
     if media_type == "image/x-exr":
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "image.exr"
+        with scratch() as folder:
+            path = folder / "image.exr"
             write_exr(path, image, half=True)
             return path.read_bytes()
     if media_type == "image/png":
@@ -70,8 +84,8 @@ def ranged(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
 
 def glb(baked: Baked) -> bytes:
     """The mesh with its baked texture."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.glb"
+    with scratch() as folder:
+        path = folder / "model.glb"
         texels = baked.texels
         write_glb(path, texels.mesh, texels.atlas_uv, baked.encode(baked.radiance.detach()))
         return path.read_bytes()
@@ -80,7 +94,7 @@ def glb(baked: Baked) -> bytes:
 def archive(baked: Baked, progress: Progress) -> bytes:
     """The files of a bake in a ZIP, their dates and timings left out."""
     out = io.BytesIO()
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
         written = baked.save(folder, progress=progress)
         with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as bundle:
             for name in FILES:

@@ -6,7 +6,7 @@ from texsss_server.assets import Store
 from texsss_server.drafts import drafted
 from texsss_server.encode import BAKES, LINEAR, PICTURES, archive, encoded, glb, ranged
 from texsss_server.settings import MB, Settings
-from texsss_server.worker import Turn
+from texsss_server.turn import Turn
 
 from texsss.baker import Baker, lasting_shelf
 from texsss.curve import presets

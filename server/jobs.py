@@ -12,12 +12,14 @@ from pydantic import BaseModel
 from texsss_server.answers import Answer
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
-from texsss_server.worker import JOB, Call, Turn, Worker
+from texsss_server.turn import JOB, Turn
+from texsss_server.worker import Call, Worker, bare
 
 from texsss.errors import TexsssError
 
 log = logging.getLogger("texsss.server")
 
+MOST_FINISHED = 1000  # jobs whose end is remembered
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
@@ -147,12 +149,12 @@ class Jobs:
             self._finish(job)
 
     def expire(self) -> None:
-        """Forgets finished jobs that are old, and the oldest while results take too much room."""
+        """Forgets finished jobs that are old, and the oldest while they are too many or too large."""
         finished = sorted((job for job in self if job.finished), key=lambda job: job.finished_at)
         size = sum(len(job.answer.body) for job in finished if job.answer is not None)
-        for job in finished:
+        for k, job in enumerate(finished):
             old = time.monotonic() - job.finished_at > self.settings.job_ttl_s
-            if not old and size <= self.settings.jobs_mb * MB:
+            if not old and size <= self.settings.jobs_mb * MB and len(finished) - k <= MOST_FINISHED:
                 break
             size -= len(job.answer.body) if job.answer is not None else 0
             del self._jobs[job.id]
@@ -175,6 +177,7 @@ class Jobs:
             if job.problem is None:  # else it was cancelled while its last step ran
                 job.answer = answer
         except Problem as problem:
+            bare(problem)
             job.problem = job.problem or problem
         except TexsssError as error:
             job.problem = job.problem or of_error(error)
@@ -188,3 +191,4 @@ class Jobs:
     def _finish(self, job: Job) -> None:
         job.finished_at = min(job.finished_at, time.monotonic())
         job.notify()
+        asyncio.get_running_loop().call_later(self.settings.job_ttl_s + 1, self.expire)

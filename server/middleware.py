@@ -112,7 +112,8 @@ class Gate:
             return Problem("bad-host", "Expected a Host that is served here; see TEXSSS_ALLOWED_HOSTS.")
         if settings.api_key and scope["path"].startswith(LOCKED) and scope["method"] != "OPTIONS":
             scheme, _, key = headers.get("authorization", "").partition(" ")
-            right = hmac.compare_digest(key.strip().encode(), settings.api_key.encode())
+            # headers are read as Latin-1, byte by byte
+            right = hmac.compare_digest(key.strip().encode("latin-1"), settings.api_key.encode())
             if scheme.lower() != "bearer" or not right:
                 detail = "Expected the header Authorization: Bearer KEY."
                 return Problem("unauthorized", detail, headers={"www-authenticate": "Bearer"})

@@ -66,7 +66,7 @@ SLUGS: dict[type[TexsssError], str] = {
 }
 """The first class that fits counts."""
 
-MOST_STRINGS = 1000
+MOST_STRINGS = 10_000
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s'\",;:()/][^\n'\",;:()/]*/)+(?=[^\s'\",;:()/])")
 """Absolute folders before the name of a file; theirs may have spaces."""
 
@@ -108,6 +108,12 @@ class Problem(Exception):
 def retry_after(slug: str, detail: str, seconds: int = 1) -> Problem:
     """A problem that goes away by itself."""
     return Problem(slug, detail, headers={"retry-after": str(seconds)})
+
+
+def no_room(error: Exception) -> Problem:
+    """507 for a disk that takes no more."""
+    why = getattr(error, "strerror", None) or "no room"
+    return Problem("storage-full", f"A file could not be kept ({why}); try later.")
 
 
 def invalid(detail: str, pointer: str, code: str, where: str = "body") -> Problem:

@@ -16,7 +16,8 @@ from texsss_server.jobs import Job, Jobs
 from texsss_server.metrics import Metrics
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
-from texsss_server.worker import BACKGROUND, Turn, Worker
+from texsss_server.turn import BACKGROUND, Turn
+from texsss_server.worker import Worker
 
 from texsss.errors import Cancelled, TexsssError
 from texsss.scene import Scene
@@ -123,6 +124,7 @@ class Service:
             return Response(status_code=304, headers=_caching(tag))
         known = self.answers.get(tag)
         if known is not None:
+            self.worker.supersede(drafts_of)
             self.metrics.hits.inc()
             return success(known, _caching(tag))
         call = _told(call, getattr(request.state, "sent", None))

@@ -9,7 +9,7 @@ from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from texsss.errors import DomainError
 
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
 MB = 1 << 20
 
@@ -21,7 +21,7 @@ class Settings(BaseSettings):
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
-    api_key: str | None = None
+    api_key: Annotated[str, Field(min_length=1)] | None = None
     """Asked for as `Authorization: Bearer KEY` under /v1 and /metrics; None leaves the door open."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = ("localhost", "127.0.0.1", "::1")
     """Names that Host may have; "*" allows all. In the environment: separated by spaces."""
@@ -58,10 +58,15 @@ class Settings(BaseSettings):
     upload_timeout_s: Positive = 120
     max_faces: Count = 1_000_000
     max_map_pixels: Count = 4096 * 4096
+    max_scene_pixels: Count = 4 * 4096 * 4096
+    """Of all uploaded maps of a scene together: 12 bytes each while it is baked."""
     parse_memory_mb: Positive = 1500
     parse_timeout_s: Positive = 10
     parse_queue: Count = 8
+    uploads: Count = 16
+    """Uploads that may arrive at once."""
     assets_mb: Positive = 2048
+    assets_count: Count = 2000
     assets_dir: Path | None = None
     """Where uploads are kept; None is a temporary folder that goes with the process."""
 

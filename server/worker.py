@@ -6,81 +6,15 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from texsss_server.problems import Problem, retry_after
+from texsss_server.turn import BACKGROUND, JOB, PREVIEW, Reason, Turn
 
 from texsss.errors import Cancelled, TexsssError
 
 if TYPE_CHECKING:
     from texsss_server.engine import Engine
-
-PREVIEW, JOB, BACKGROUND = range(3)
-"""How long work waits for others; see `Turn`."""
-
-Reason = Literal["gone", "superseded", "timeout", "stopping", "cancelled"]
-
-
-class Turn:
-    """One piece of work on its way: why it must stop, how far it is, what its stages took.
-
-    `patience`: a job lets previews go first at every step, background work lets jobs go first, too; their
-    time counts from their start, a preview's from its arrival.
-    """
-
-    def __init__(self, timeout_s: float, *, patience: int = PREVIEW, drafts_of: str | None = None):
-        self.timeout_s, self.patience, self.drafts_of = timeout_s, patience, drafts_of
-        self.deadline = float("inf") if patience else time.monotonic() + timeout_s
-        self.reason: Reason | None = None
-        self.started = False
-        self.stage, self.fraction = "waiting", 0.0
-        self.seconds: dict[str, float] = {}
-        self.heard: Callable[[], object] = lambda: None
-        self.give_way: Callable[[int], None] = lambda patience: None
-        self._began: dict[str, float] = {}
-
-    def begin(self) -> None:
-        """Called by the render thread when the work starts."""
-        self.started = True
-        if self.patience:
-            self.deadline = time.monotonic() + self.timeout_s
-
-    def stop(self, reason: Reason) -> None:
-        """Asks the work to stop; the first reason counts. From any thread."""
-        self.reason = self.reason or reason
-
-    def stopped(self) -> bool:
-        """Whether to stop; asked by the work between its steps."""
-        if self.patience:
-            self.give_way(self.patience)
-        if time.monotonic() > self.deadline:
-            self.stop("timeout")
-        return self.reason is not None
-
-    def progress(self, stage: str, fraction: float) -> None:
-        """Heard from the work."""
-        now = time.monotonic()
-        if fraction <= 0:
-            self._began[stage] = now
-        elif fraction >= 1 and stage in self._began:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._began.pop(stage, now)
-        self.stage, self.fraction = stage, fraction
-        self.heard()
-
-    def problem(self) -> Problem:
-        """The answer to work that stopped."""
-        match self.reason:
-            case "superseded":
-                return Problem("superseded", "A newer draft of the same client was asked for.")
-            case "stopping":
-                return retry_after("stopping", "The service is stopping; ask again in a moment.", 5)
-            case "gone":
-                return Problem("client-closed-request", "The client left before the answer.")
-            case "cancelled":
-                return Problem("job-failed", "The job was cancelled.", state="cancelled")
-        detail = f"Expected the work to take at most {self.timeout_s:g} s; ask for less, or for a job."
-        return retry_after("render-timeout", detail, 10)
-
 
 Call = Callable[["Engine", Turn], Any]
 
@@ -120,12 +54,12 @@ class Worker:
     @property
     def ready(self) -> bool:
         """Whether calls are served already."""
-        return self.engine is not None and not self._closing
+        return self.engine is not None and self._thread.is_alive() and not self._closing
 
     @property
     def waiting(self) -> int:
-        """Calls that have not started."""
-        return sum(len(queue) for queue in self._queues)
+        """Calls that have not started, those included that wait for a place."""
+        return sum(len(queue) for queue in self._queues) + len(self._arriving)
 
     @property
     def running(self) -> int:
@@ -141,18 +75,12 @@ class Worker:
         """What `call` gives. Raises Problem: when the queue is full, or `turn` stopped."""
         places = self._places[turn.patience]
         turn.give_way = self._serve_before
-        if turn.drafts_of is not None:
-            self._supersede(turn.drafts_of)
-        self._arriving.append(turn)
-        try:
-            async with asyncio.timeout(self._wait_s):
-                await places.acquire()
-        except TimeoutError:
-            if turn.reason is not None:
-                raise turn.problem() from None
-            raise retry_after("queue-full", f"{self.waiting} requests wait already; try again.") from None
-        finally:
-            self._arriving.remove(turn)
+        if not self._inherits(turn):
+            await self._place(places, turn)
+        if turn.reason is not None:
+            places.release()
+            raise turn.problem()
+        self.supersede(turn.drafts_of, before=turn.number)
         task = Task(call, turn, self._loop.create_future(), places)
         with self._wake:
             self._queues[turn.patience].append(task)
@@ -188,41 +116,77 @@ class Worker:
             self._wake.notify()
         self._thread.join(timeout_s)
 
-    def _supersede(self, client: str) -> None:
+    def supersede(self, client: str | None, *, before: int | None = None) -> None:
+        """Stops a client's drafts, those older than the turn of the number `before` only. On the loop."""
+        if client is None:
+            return
         with self._wake:
             turns = [task.turn for task in [*self._running, *self._queues[PREVIEW]]] + self._arriving
         for turn in turns:
-            if turn.drafts_of == client:
+            if turn.drafts_of == client and (before is None or turn.number < before):
                 self.stop(turn, "superseded")
+
+    def _inherits(self, turn: Turn) -> bool:
+        """Whether a draft takes the place of an older one of its client that waits."""
+        if turn.drafts_of is None:
+            return False
+        queue = self._queues[PREVIEW]
+        with self._wake:
+            older = next((task for task in queue if task.turn.drafts_of == turn.drafts_of), None)
+            if older is None:
+                return False
+            queue.remove(older)
+        older.turn.stop("superseded")
+        _settle(older.future, None, Cancelled("superseded before it started"))
+        return True
+
+    async def _place(self, places: asyncio.Semaphore, turn: Turn) -> None:
+        """Takes a place in the queue. Raises Problem: when none is free for a while."""
+        self._arriving.append(turn)
+        try:
+            async with asyncio.timeout(self._wait_s):
+                await places.acquire()
+        except TimeoutError:
+            if turn.reason is not None:
+                raise turn.problem() from None
+            raise retry_after("queue-full", f"{self.waiting} requests wait already; try again.") from None
+        finally:
+            self._arriving.remove(turn)
 
     # in the render thread
 
     def _main(self) -> None:
         try:
             self.engine = self._make_engine()
-        except Exception as error:  # told by /readyz, logged with its trace
+            while not self._closing or any(self._queues):
+                with self._wake:
+                    while not (any(self._queues) or self._closing):
+                        self._wake.wait()
+                self._do_next(BACKGROUND + 1)
+        except BaseException as error:  # told by /readyz, logged with its trace
             self.broken = type(error).__name__
             raise
-        while True:
-            with self._wake:
-                while not (self.waiting or self._closing):
-                    self._wake.wait()
-                task = self._next(BACKGROUND + 1)
-            if task is None:
-                return
-            self._do(task)
 
-    def _serve_before(self, patience: int) -> None:
+    def _serve_before(self, turn: Turn) -> None:
         """Does what is less patient than the work that asks."""
         if threading.current_thread() is not self._thread:
             return  # rooms may ask from threads of their own
-        while (task := self._next(patience)) is not None:
-            self._do(task)
+        start = time.monotonic()
+        while turn.may_wait and self._do_next(turn.patience):
+            turn.gave_way(time.monotonic() - start)
+            start = time.monotonic()
 
-    def _next(self, below: int) -> Task | None:
-        """The least patient task; only this thread takes tasks away."""
+    def _do_next(self, below: int) -> bool:
+        """Does a task less patient than `below`, if there is one; nothing of it is held afterwards.
+
+        Jobs begin at once: they let previews go first by themselves, but not for ever.
+        """
         with self._wake:
-            return next((queue.popleft() for queue in self._queues[:below] if queue), None)
+            queues = [self._queues[patience] for patience in (JOB, PREVIEW, BACKGROUND) if patience < below]
+            task = next((queue.popleft() for queue in queues if queue), None)
+        if task is not None:
+            self._do(task)
+        return task is not None
 
     def _do(self, task: Task) -> None:
         self._loop.call_soon_threadsafe(task.places.release)
@@ -233,9 +197,11 @@ class Worker:
                 raise Cancelled("stopped before it started")
             outcome: tuple[Any, BaseException | None] = (task.call(self._engine(), task.turn), None)
         except (Problem, TexsssError) as error:
-            outcome = (None, _bare(error))
+            outcome = (None, bare(error))
         except Exception as error:  # kept with its trace, for the log
             outcome = (None, error)
+        except BaseException as error:  # would end the loop that it is handed to
+            outcome = (None, RuntimeError(f"{type(error).__name__} in the render thread"))
         finally:
             self._running.remove(task)
         self._loop.call_soon_threadsafe(_settle, task.future, *outcome)
@@ -245,7 +211,7 @@ class Worker:
         return self.engine
 
 
-def _bare(error: Exception) -> Exception:
+def bare(error: Exception) -> Exception:
     """An expected error without the frames that it passed: they hold every tensor of a scene, in cycles."""
     error.__traceback__ = error.__context__ = error.__cause__ = None
     return error

@@ -10,7 +10,7 @@ from texsss.media.stack import Stack
 from texsss.pipeline import Run
 from texsss.profiles.fit import fit_error, fit_gaussians
 from texsss.profiles.known import Known, known
-from texsss.types import Float, Tensor
+from texsss.types import Float, Tensor, check_cancelled
 
 RADII = 96
 SHARES = (0.5, 0.9, 0.99)
@@ -28,7 +28,9 @@ def curve(run: Run) -> dict:
     means = {name: run.image(name).value.mean((0, 1), keepdim=True) for name in resolve.material_maps(scene)}
     stack = resolve.stack(scene, means)
     options: dict[str, Any] = {"model": methods.profile, "incidence": methods.incidence}
+    check_cancelled(run.cancel)
     fitted = fit_gaussians(stack, terms=methods.terms, **options)
+    check_cancelled(run.cancel)
     radius = fitted.radius(SHARES[-1]).reshape(-1, fitted.weights.shape[-1])[0]
     farthest = float(radius.max().clamp_min(1e-3))
     r = torch.linspace(0, 1, RADII + 1, dtype=torch.float64)[1:] ** 2 * farthest  # dense where it is steep

@@ -78,6 +78,8 @@ def builtins() -> list[str]:
 def digest(source: Source, assets: Assets | None = None) -> str:
     """A name for the content of a source's file."""
     path = locate(source, assets)
+    if source.asset is not None:
+        return source.asset  # which is named by its content
     try:
         status = path.stat()
         return _file_digest(str(path), status.st_mtime_ns, status.st_ctime_ns, status.st_size)

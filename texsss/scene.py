@@ -60,6 +60,10 @@ class _Told(type(Model)):
             raise DomainError(_one_sentence(error)) from None
 
 
+MOST_NAMES = 256  # maps or media of a scene
+MOST_TOLD = 20  # of them in a message
+
+
 class Scene(Model, metaclass=_Told):
     """Everything a bake depends on, as plain values. `Scene()` is the default scene.
 
@@ -72,8 +76,8 @@ class Scene(Model, metaclass=_Told):
     summary: Annotated[str, Field(max_length=500)] = ""
     mesh: MeshField = MeshSpec(**DEFAULT_OBJECT["mesh"])
     atlas: AtlasSpec = AtlasSpec()
-    maps: dict[str, MapSpec] = Field(default_factory=dict)
-    media: dict[str, MediumSpec] = Field(default_factory=dict)
+    maps: Annotated[dict[str, MapSpec], Field(max_length=MOST_NAMES)] = Field(default_factory=dict)
+    media: Annotated[dict[str, MediumSpec], Field(max_length=MOST_NAMES)] = Field(default_factory=dict)
     material: MaterialField = MaterialSpec()
     lights: Annotated[tuple[LightSpec, ...], Field(max_length=64)] = (StudioSpec(),)
     camera: CameraSpec = CameraSpec()
@@ -92,7 +96,10 @@ class Scene(Model, metaclass=_Told):
     def _names_exist(self) -> "Scene":
         for where, name in self.map_names():
             if name not in self.maps:
-                raise ValueError(f"{where}: no map is named {name!r}; maps has {sorted(self.maps) or 'none'}")
+                known = sorted(self.maps)[:MOST_TOLD]
+                more = ", …" if len(self.maps) > MOST_TOLD else ""
+                listed = f"[{', '.join(map(repr, known))}{more}]" if known else "none"
+                raise ValueError(f"{where}: no map is named {name!r}; maps has {listed}")
         return self
 
     def panoramas(self) -> set[str]:

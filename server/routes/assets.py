@@ -6,11 +6,13 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
-from texsss_server.assets import Asset
 from texsss_server.bodies import chunks, media_type
+from texsss_server.examine import Asset
 from texsss_server.problems import Problem, responses
 from texsss_server.service import Service, TheService
 from texsss_server.settings import MB
+
+from texsss.errors import AssetError
 
 TYPES = ("application/octet-stream", "model/", "image/")
 ACCEPT_POST = "application/octet-stream, model/*, image/*"
@@ -80,12 +82,16 @@ async def describe(asset: str, service: TheService) -> Asset:
         **responses("not-found"),
     },
 )
-async def content(asset: str, service: TheService) -> FileResponse:
+async def content(asset: str, service: TheService) -> Response:
     """The file as it was uploaded."""
     found = _found(asset, service)
-    return FileResponse(
-        service.store.folder / found.asset, media_type="application/octet-stream", filename=found.name
-    )
+    try:
+        path = service.store.path(asset)
+        return FileResponse(
+            path, media_type="application/octet-stream", filename=found.name, stat_result=path.stat()
+        )
+    except (AssetError, FileNotFoundError):  # removed just now
+        raise _gone() from None
 
 
 @router.delete(
@@ -101,5 +107,9 @@ async def remove(asset: str, service: TheService) -> Response:
 def _found(asset: str, service: Service) -> Asset:
     found = service.store.get(asset)
     if found is None:
-        raise Problem("not-found", "No such asset is here (any more).")
+        raise _gone()
     return found
+
+
+def _gone() -> Problem:
+    return Problem("not-found", "No such asset is here (any more).")

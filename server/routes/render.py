@@ -24,7 +24,7 @@ IMAGE = f"^(picture|{INTERMEDIATES})$"
 WORK = (
     *("malformed-json", "malformed-body", "not-acceptable", "request-timeout", "superseded"),
     *("body-too-large", "unsupported-media-type", "invalid-parameters", "no-convergence", "queue-full"),
-    *("render-timeout", "starting", "stopping"),
+    *("render-timeout", "starting", "stopping", "storage-full"),
 )
 """Problems of routes that compute."""
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from texsss.errors import Cancelled, DomainError
+from texsss.errors import Cancelled, ConvergenceError, DomainError
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
@@ -181,6 +181,8 @@ def test_fits_agree_with_the_profile():
         for fit in ("project", "optimise")
     }
     assert errors["optimise"] < 0.01 and errors["optimise"] < errors["project"] < 0.04
+    with pytest.raises(ConvergenceError, match="of its own scale"):
+        fit_gaussians(preset("skin1"), torch.tensor([1e30, 2e30]), fit="optimise")
     with pytest.raises(DomainError, match="project, grid, optimise"):
         fit_gaussians(medium, fit="guess")
 

@@ -1,6 +1,7 @@
 """The table of behaviours: status, slug and body of every case that needs no tight limits."""
 
 import asyncio
+import io
 import json
 import socket
 import time
@@ -8,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+from PIL import Image
 from serving import problem
 from texsss_server.app import create_app
 from texsss_server.settings import Settings
@@ -112,12 +114,34 @@ def test_options_that_lack_something_are_told(client, small):
     assert body["errors"][0]["code"] == "DomainError"
 
 
-def test_messages_name_no_folders_of_ours(client, small):
-    """A map that is a mesh: the library's sentence has a path in it, ours doesn't."""
-    maps = {"a": {"source": {"asset": small["mesh"]["source"]["asset"]}}}
-    scene = small | {"maps": maps, "material": {"surface": {"albedo": "a"}}}
+def test_messages_name_no_folders_of_ours(server, client, small):
+    """An upload that was damaged on disk: the library's sentence has its path, ours only the file's name."""
+    image = io.BytesIO()
+    Image.new("RGB", (5, 3)).save(image, "PNG")
+    headers = {"content-type": "image/png"}
+    asset = client.post("/v1/assets?name=hole.png", content=image.getvalue(), headers=headers).json()["asset"]
+    (server.assets / f"{asset}.png").write_bytes(image.getvalue()[:40])
+    scene = small | {
+        "maps": {"a": {"source": {"asset": asset}}},
+        "material": {"surface": {"albedo": "a"}},
+    }
     body = problem(client.post("/v1/render", json=scene), 422, "invalid-parameters")
+    assert f"{asset}.png: expected" in body["detail"]
     assert "/tmp" not in json.dumps(body) and "of ours" not in json.dumps(body)
+    client.delete(f"/v1/assets/{asset}")
+
+
+def test_names_of_a_scene_are_bounded(client, small):
+    """A body of many names costs little, and is not sent back."""
+    maps = {f"secret{n}": {"source": {"asset": "0" * 64}} for n in range(257)}
+    body = problem(client.post("/v1/render", json=small | {"maps": maps}), 422, "invalid-parameters")
+    assert body["errors"][0]["pointer"] == "/maps"
+    maps.pop("secret256")
+    told = problem(client.post("/v1/render", json=small | {"maps": maps}), 422, "invalid-parameters")
+    assert len(told["errors"]) == 50
+    lights = [{"type": "environment", "map": "nothing"}]
+    answer = client.post("/v1/render", json=small | {"maps": maps, "lights": lights})
+    assert "secret" not in problem(answer, 422, "invalid-parameters")["detail"]
 
 
 @pytest.mark.parametrize(
@@ -218,6 +242,7 @@ def test_own_hosts(client, host):
 
 
 def test_security_headers_everywhere(client, small):
+    client.headers["origin"] = "https://elsewhere.example"
     for answer in (client.get("/healthz"), client.get("/nope"), client.post("/v1/render", json=small)):
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]

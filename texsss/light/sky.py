@@ -52,7 +52,7 @@ def open_shares(
             progress("light", len(ended) / len(parts))
         return sums
 
-    sums = [torch.cat(found) for found in zip(*in_threads(seen_from, parts), strict=True)]
+    sums = [torch.cat(found) for found in zip(*in_threads(seen_from, parts, cancel), strict=True)]
     if sharing > 1 and occluder is not None:
         sums = neighbours_mean(sites.position, sites.smooth, sums, sharing, cancel)
     shares = []

@@ -40,4 +40,4 @@ def neighbours_mean(
         whole = weight.sum(1, keepdim=True)
         return torch.where(whole > 0, total / whole.clamp_min(1e-6), table[rows])
 
-    return list(torch.cat(in_threads(mean, chunks(len(places), _CHUNK))).split(widths, 1))
+    return list(torch.cat(in_threads(mean, chunks(len(places), _CHUNK), cancel)).split(widths, 1))

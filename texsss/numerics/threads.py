@@ -1,24 +1,29 @@
 """Independent pieces of work on all cores, one thread each."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any
 
 import torch
 
+from texsss.types import Cancel, check_cancelled
 
-def in_threads(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+ASK_S = 0.02  # between questions whether to stop
+
+
+def in_threads(work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel | None = None) -> list[Any]:
     """`work(item)` of every item, in order, on as many threads as torch uses.
 
     torch lets go of the interpreter while it computes, so that threads overlap; each of them keeps to
     itself, which spares operations on small tensors from waiting for each other. Without gradients.
-    The first exception ends it.
+    The first exception ends it. `cancel` is asked in this thread, between items or all the while.
+    Raises Cancelled.
     """
     threads = torch.get_num_threads()
     if threads < 2:
         with torch.no_grad():
-            return [work(item) for item in items]
+            return [_asked(work, item, cancel) for item in items]
 
     def detached(item: Any) -> Any:
         with torch.no_grad():  # a mode of the thread
@@ -26,7 +31,17 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 
     pool = ThreadPoolExecutor(max(min(threads, len(items)), 1), initializer=partial(torch.set_num_threads, 1))
     try:
-        return [future.result() for future in [pool.submit(detached, item) for item in items]]
+        futures = [pool.submit(detached, item) for item in items]
+        while cancel is not None and wait(futures, ASK_S, FIRST_EXCEPTION).not_done:
+            if any(future.done() and future.exception() for future in futures):
+                break
+            check_cancelled(cancel)
+        return [future.result() for future in futures]
     finally:
         pool.shutdown(cancel_futures=True)
         torch.set_num_threads(threads)
+
+
+def _asked(work: Callable[[Any], Any], item: Any, cancel: Cancel | None) -> Any:
+    check_cancelled(cancel)
+    return work(item)

@@ -34,7 +34,7 @@ def fit_gaussians(
     `variances` [mm²]: those to use; None spreads them over the scales of the profile. `fit`: project
     (linear, exact total), grid (Mayorga's algebra: multipoles, nine terms of its own, `drop_below_mfp`),
     optimise (variances move too, from the projected ones). Differentiable with project and grid.
-    Raises DomainError: for unknown names.
+    Raises DomainError: for unknown names; ConvergenceError: for variances far from the profile's scale.
     """
     choose("fit", fit, FITS)
     table = as_table(material).to(torch.float64)

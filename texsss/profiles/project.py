@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from texsss.errors import DomainError
+from texsss.errors import ConvergenceError, DomainError
 from texsss.numerics.quadrature import graded
 from texsss.profiles.gaussians import GaussianSum
 from texsss.types import Float, Tensor
@@ -60,6 +60,7 @@ def projector(
 
     Least squares of ∫ s (R̂ - Σ w e^(-v s²/2))² ds, which by Parseval is the radial error
     ∫ r (R - Σ w G)² dr of d'Eon et al. 2007, subject to Σ w = R̂(0) exactly.
+    Raises ConvergenceError: when the variances are so far off that nothing determines the weights.
     """
     s, ds, variances = s.double(), ds.double(), variances.double()
     count = variances.shape[0]
@@ -74,7 +75,13 @@ def projector(
     right = torch.zeros(count + 1, s.shape[0] + 1, dtype=normal.dtype)
     right[:count, :-1] = weighted.T
     right[count, -1] = 1
-    return torch.linalg.solve(system, right)[:count]
+    try:
+        return torch.linalg.solve(system, right)[:count]
+    except RuntimeError:  # LinAlgError among them
+        raise ConvergenceError(
+            f"projector: the profile has nothing in common with Gaussians of {variances.tolist()} mm²; "
+            "choose variances of its own scale, or leave them out."
+        ) from None
 
 
 def project(

@@ -124,5 +124,5 @@ def weights_for(
             for part in parts:
                 fill(part)
     else:
-        in_threads(fill, parts)
+        in_threads(fill, parts, cancel)
     return Weights(variances.to(table.sigma_a), weights, row)
