@@ -113,6 +113,7 @@ STRICT = {
     "body_mb": 0.002,
     "body_timeout_s": 1,
     "upload_mb": 0.01,
+    "upload_timeout_s": 1,
     "queue": 1,
     "render_timeout_s": 0.4,
     "max_faces": 200,

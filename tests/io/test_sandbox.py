@@ -1,6 +1,8 @@
 """Hostile files in a limited child: each gives a mesh or one sentence, and the next one still works."""
 
+import threading
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -35,6 +37,34 @@ def test_too_little_memory_or_time_is_one_sentence_and_the_next_file_works():
         small.memory_mb, small.timeout_s = 1500.0, 0.05
         with pytest.raises(AssetError, match=r"takes longer than 0\.05 s"):
             small.read_mesh(many, name="large.obj")
+
+
+def test_a_server_that_is_killed_is_noticed_at_once_and_leaves_no_child():
+    many = b"".join(b"v %d %d 0\n" % (i, i * i % 97) for i in range(1_000_000)) + b"f 1 2 3\n"
+    with Sandbox() as sandbox:
+        sandbox.read_mesh(SQUARE)
+        server = sandbox._server
+        assert server is not None
+        heard: list[str] = []
+
+        def read() -> None:
+            with pytest.raises(AssetError) as told:
+                sandbox.read_mesh(many, name="large.obj")
+            heard.append(str(told.value))
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        children: list[str] = []
+        while not children:
+            children = Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
+        start = time.monotonic()
+        server.kill()
+        reader.join(20)
+        assert time.monotonic() - start < 3 and "the process that reads it ended" in heard[0]
+        time.sleep(0.2)
+        left = Path(f"/proc/{children[0]}/stat")
+        assert not left.exists() or left.read_text().rpartition(")")[2].split()[0] == "Z"
+        assert sandbox.read_mesh(SQUARE)[1].faces == 2
 
 
 def test_every_bad_mesh_is_a_mesh_or_one_sentence(bad_files, box):

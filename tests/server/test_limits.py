@@ -12,6 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 from serving import KEY, problem, quick
+from texsss_server.settings import Settings, of_options
+
+from texsss.errors import DomainError
 
 LIMIT = 2097  # 0.002 MB
 SLOW = {
@@ -53,6 +56,20 @@ def test_pages_elsewhere_can_read_refusals(strict):
         assert answer.headers["x-content-type-options"] == "nosniff"
 
 
+def test_a_key_may_be_any_text_but_none():
+    with pytest.raises(DomainError, match="api_key"):
+        of_options(api_key="")
+    with pytest.raises(DomainError, match="cache_mb"):
+        of_options(cache_mb=float("inf"))
+
+
+def test_what_a_service_is_unless_told(monkeypatch):
+    for name in [name for name in os.environ if name.startswith("TEXSSS_")]:
+        monkeypatch.delenv(name)
+    settings = Settings()
+    assert settings.host == "127.0.0.1" and settings.cors_origins == () and settings.api_key is None
+
+
 def test_body_too_large_as_announced(tight):
     body = b'{"a": "' + b"x" * LIMIT + b'"}'
     answer = tight.post("/v1/render", content=body, headers={"content-type": "application/json"})
@@ -71,12 +88,15 @@ def test_body_too_large_in_chunks(tight):
     assert answer.headers["connection"] == "close"
 
 
-def test_slow_body(strict):
+@pytest.mark.parametrize(
+    "path, kind", [("/v1/render", "application/json"), ("/v1/assets?name=a.obj", "model/obj")]
+)
+def test_slow_body(strict, path, kind):
     """A client that sends a byte and waits hears 408 after the second that it has."""
     address = strict.url.removeprefix("http://").split(":")
     with socket.create_connection(address, timeout=10) as wire:
-        head = f"POST /v1/render HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {KEY}\r\n"
-        wire.sendall(f"{head}Content-Type: application/json\r\nContent-Length: 50\r\n\r\n{{".encode())
+        head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {KEY}\r\n"
+        wire.sendall(f"{head}Content-Type: {kind}\r\nContent-Length: 50\r\n\r\n{{".encode())
         start = time.monotonic()
         heard = b""
         while part := wire.recv(4096):

@@ -263,6 +263,15 @@ def test_starting(server):
     assert server.first_alive.status_code == 200
 
 
+def test_what_breaks_inside_is_a_500(server, client):
+    """A description that is a folder: nothing that we look for, in a server as it runs."""
+    name = "e" * 64
+    (server.assets / f"{name}.json").mkdir()
+    body = problem(client.get(f"/v1/assets/{name}"), 500, "internal")
+    assert "of ours" not in json.dumps(body)
+    (server.assets / f"{name}.json").rmdir()
+
+
 def test_what_nobody_expected_is_a_500_without_its_trace(caplog):
     """An application of its own, since nothing is known to break the real one."""
     app = create_app(Settings(warm=False))

@@ -9,10 +9,11 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from texsss_server.answers import Answer, Answers
 from texsss_server.assets import Store
 from texsss_server.encode import encoded
 from texsss_server.examine import Asset
-from texsss_server.jobs import Jobs
+from texsss_server.jobs import Job, Jobs
 from texsss_server.problems import Problem
 from texsss_server.settings import Settings
 from texsss_server.turn import JOB, Turn
@@ -298,3 +299,49 @@ def test_a_disk_that_is_full_is_not_the_clients_fault(monkeypatch):
     with pytest.raises(Problem) as told:
         encoded(torch.zeros(2, 2, 3), "image/x-exr")
     assert told.value.slug == "storage-full" and "exr" not in told.value.detail
+
+
+def test_a_job_over_time_fails_and_says_so():
+    async def check(worker, running, go):
+        jobs = Jobs(Settings(job_timeout_s=0.2), worker, lambda seconds: None)
+
+        def endless(engine: object, turn: Turn) -> str:
+            while not turn.stopped():
+                time.sleep(0.01)
+            raise Cancelled("stopped")
+
+        job = await jobs.start("bake", endless)
+        go.set()
+        while not job.finished:
+            await asyncio.sleep(0.01)
+        assert job.state == "failed" and job.problem.slug == "render-timeout"
+
+    with_worker(check)
+
+
+def test_finished_jobs_go_when_they_are_too_many_or_too_large(monkeypatch):
+    async def check(worker, running, go):
+        monkeypatch.setattr("texsss_server.jobs.MOST_FINISHED", 3)
+        jobs = Jobs(Settings(jobs=10, jobs_mb=0.001), worker, lambda seconds: None)
+        go.set()
+
+        async def done(size: int) -> Job:
+            job = await jobs.start("bake", lambda engine, turn: Answer(bytes(size), "image/png", None, {}))
+            while not job.finished:
+                await asyncio.sleep(0.01)
+            return job
+
+        made = [await done(10) for _ in range(5)]
+        assert [jobs.get(job.id) is not None for job in made] == [False, False, True, True, True]
+        large = [await done(800) for _ in range(2)]
+        assert [jobs.get(job.id) is not None for job in (*made, *large)] == [False] * 6 + [True]
+
+    with_worker(check, places=2, jobs=2)
+
+
+def test_answers_asked_for_last_stay():
+    answers = Answers(100)
+    for name in "abc":
+        answers.put(name, Answer(bytes(40), "image/png", None, {}))
+        assert answers.get("a") is not None
+    assert answers.get("b") is None and answers.get("c") is not None and answers.bytes_used == 80

@@ -3,6 +3,7 @@
 It has one thread and touches no file's content itself, so that forking is cheap and safe.
 """
 
+import ctypes
 import io
 import json
 import os
@@ -20,6 +21,8 @@ from texsss.errors import AssetError
 from texsss.io.images import read_image
 from texsss.io.meshes import read_mesh
 
+PR_SET_PDEATHSIG = 1  # of Linux' prctl
+
 
 def main(descriptor: int) -> None:
     """Answers requests (options as JSON, then the file's bytes) until the other end closes."""
@@ -30,17 +33,18 @@ def main(descriptor: int) -> None:
             data = link.recv_bytes()
         except (EOFError, OSError):
             return
-        status, answer = _in_child(options, data)
+        status, answer = _in_child(link, options, data)
         link.send_bytes(status.encode())
         link.send_bytes(answer)
 
 
-def _in_child(options: dict, data: bytes) -> tuple[str, bytes]:
+def _in_child(link: Connection, options: dict, data: bytes) -> tuple[str, bytes]:
     """What a child of limited time and memory answers: "ok" and arrays, or "fault" and a sentence."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reader)
+        link.close()  # else the other end would not notice that this process's parent is gone
         _serve(options, data, writer)  # does not return
     os.close(writer)
     deadline = time.monotonic() + options["timeout_s"]
@@ -70,6 +74,7 @@ def _in_child(options: dict, data: bytes) -> tuple[str, bytes]:
 def _serve(options: dict, data: bytes, writer: int) -> None:
     code = 1
     try:
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # nobody would wait for it any more
         _limit(options["memory_mb"], options["timeout_s"])
         torch.set_num_threads(1)
         with os.fdopen(writer, "wb") as out:

@@ -3,6 +3,7 @@
 import io
 import json
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -115,6 +116,9 @@ class Sandbox:
 
     def _start(self) -> Connection:
         ours, theirs = socket.socketpair()
+        # sending waits for the reader: no longer than for its answer
+        limit = struct.pack("@ll", int(self.timeout_s + GRACE_S + START_S), 0)
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
         with theirs:
             self._server = subprocess.Popen(
                 [sys.executable, "-m", "texsss.io._sandbox_server", str(theirs.fileno())],
