@@ -93,7 +93,7 @@ def inspect(
     for part in ("mesh", "uv", "atlas", "scale"):
         if found[part] is not None:
             show_table(part, found[part])
-    for sentence in [*found["kernel"], *found["advice"]]:
+    for sentence in [*found["kernel"], *found["faults"], *found["advice"]]:
         print(f"- {sentence}")
 
 

@@ -12,6 +12,7 @@ from texsss.scene import Scene
 from texsss.stages import Stages
 from texsss.surface.atlas import make_atlas
 from texsss.surface.raster import rasterise
+from texsss.surface.topology import closed_volume, components, shared_edges
 from texsss.types import Cancel, Float, Progress, Tensor
 
 
@@ -44,6 +45,23 @@ class Ground(Stages):
             spec.up,
             spec.v,
         )
+
+    @cached_property
+    def inward(self) -> Kept:
+        """What to know of closed parts that face inward, in sentences; none if there are none."""
+        mesh, _ = self.mesh.value
+
+        def make() -> list[str]:
+            part = components(len(mesh.faces), shared_edges(mesh.faces))
+            count, turned = int(part.max()) + 1, int((closed_volume(mesh, part) < 0).sum())
+            if not turned:
+                return []
+            return [
+                f"{turned:,} of {count:,} closed parts of the mesh face inward: they stay dark, unless they "
+                "are the walls of a cavity; turn their faces (Blender: Mesh, Normals, Recalculate Outside)."
+            ]
+
+        return self.stage("inward", make, self.mesh)
 
     @cached_property
     def occluder(self) -> Kept:

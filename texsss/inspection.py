@@ -8,11 +8,14 @@ from texsss.curve import curve
 from texsss.errors import ShapeError
 from texsss.io.images import write_png
 from texsss.pipeline import Run
-from texsss.surface.doctor import examine
+from texsss.surface.doctor import UvReport, examine
+from texsss.surface.topology import Edges, edge_report
 
+NOTHING = 1e-6  # share of the light below which none comes back
 FEW_TEXELS = 2.0  # that the 99 % radius must span to be seen
 MANY_TEXELS = 100.0  # beyond which fewer would show the same
 MOST_TEXELS = 8192
+LEAST_PADDING = 2.0  # texels between charts that look-ups beside their edges reach
 LARGE_SHARE = 0.25  # of the object's height that light may cross before flat profiles mislead
 
 
@@ -24,13 +27,14 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
     `mesh`: counts, size [mm], unit. `uv`: the doctor's report on the author's texture coordinates, or
     None without. `atlas`: what the light would be stored in. `scale`: lengths of the scattering per
     channel in mm, texels and as a share of the object's height; `radius`: within which 99 % of the light
-    comes back. `kernel`: what these lengths mean for this bake. `advice`: sentences, the worst first.
+    comes back. `kernel`: what these lengths mean for this bake. `faults`: what is wrong with coordinates and
+    edges, each with its remedy. `advice`: what a bake would note, the worst first.
     """
     mesh, notes = run.mesh.value
     size = run.scene.atlas.texels
     report = None
     if mesh.source_uv is not None:
-        report, image = examine(mesh, mesh.source_uv, (size, size))
+        report, image = examine(mesh, mesh.source_uv, (size, size), run.cancel)
         if picture is not None:
             write_png(picture, image)
     elif picture is not None:
@@ -42,6 +46,8 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
         "diffusion_length": spread["diffusion_length_mm"],
         "radius": spread["radius_mm"]["0.99"],
     }
+    # a radius means nothing in channels of which nothing comes back
+    back = [mm for mm, total in zip(lengths["radius"], spread["total"], strict=True) if total > NOTHING]
     height = float(mesh.extent[1]) or float(mesh.extent.max())
     scale = {"texel_mm": texel, "height_mm": height, "object_mm": [round(x, 4) for x in mesh.extent.tolist()]}
     for name, length in lengths.items():
@@ -59,16 +65,68 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
         "uv": None if report is None else asdict(report) | {"serves": report.atlas.serves},
         "atlas": {"origin": atlas.origin, "charts": atlas.report.charts, "texels": texels.covered_count},
         "scale": scale,
-        "kernel": kernel(max(lengths["radius"]), texel, height, mesh.name, size),
+        "faults": [*faults_of_uv(report), *faults_of_edges(edge_report(mesh.faces))],
+        "kernel": kernel(max(back, default=0.0), texel, height, mesh.name, size),
         "advice": run.advice,
     }
+
+
+def faults_of_uv(report: UvReport | None) -> list[str]:
+    """Every count of the doctor's that is not as it should be, in a sentence with its remedy."""
+    if report is None:
+        return []
+    remedy = (
+        "few enough to store light in them; mend them if you see specks"
+        if report.atlas.serves
+        else "light gets coordinates of its own (--uv auto or xatlas); unwrap anew what maps are painted on"
+    )
+    counts = {
+        "leave the unit square": report.outside,
+        "lie partly under others in uv": report.overlapping,
+        "are folded back within their chart": report.flipped,
+        "have no area in uv": report.flat,
+    }
+    said = [f"Faces that {what}: {count:,}; {remedy}." for what, count in counts.items() if count]
+    if report.atlas.starved:
+        said.append(
+            f"Charts without a texel: {report.atlas.starved:.2%} of the surface; raise --size, or give small "
+            "charts more room."
+        )
+    if report.padding_texels is not None and report.padding_texels < LEAST_PADDING:
+        said.append(
+            f"Texels between charts: {report.padding_texels:.2g} at the least; raise --size, or leave "
+            f"{LEAST_PADDING:g}."
+        )
+    return said
+
+
+def faults_of_edges(edges: Edges) -> list[str]:
+    """Edges at which the surface is no closed, oriented one, in sentences with their remedies."""
+    remedies = {
+        "Open edges, at which light ends": (edges.open, "close the holes if it is to be solid"),
+        "Edges of more than two faces": (
+            edges.non_manifold,
+            "take inner and double faces away (in Blender: Select, All by Trait, Non Manifold)",
+        ),
+        "Edges of faces that turn against each other": (
+            edges.inconsistent,
+            "the wrong ones stay dark; turn them (in Blender: Mesh, Normals, Recalculate Outside)",
+        ),
+    }
+    return [f"{what}: {count:,}; {remedy}." for what, (count, remedy) in remedies.items() if count]
 
 
 def kernel(radius_mm: float, texel_mm: float, height_mm: float, name: str, size: int) -> list[str]:
     """What the widest channel's 99 % radius [mm] means beside a texel and the object, and what to do.
 
-    `texel_mm`, `height_mm`: of the atlas of `size` texels and of the object called `name`.
+    `texel_mm`, `height_mm`: of the atlas of `size` texels and of the object called `name`. A radius of 0
+    stands for media of which no light comes back.
     """
+    if not 0 < radius_mm < math.inf:
+        return [
+            "kernel = none: no light comes back out of this material; raise sigma_s_per_mm, or take another "
+            "--material."
+        ]
     texels, share = radius_mm / texel_mm, radius_mm / height_mm
     part = f"{share:.2g} times" if share >= 1 else f"{100 * share:.2g} % of"
     in_texels = f"kernel = {texels:.2g} texels (99 % of the light comes back within {radius_mm:.3g} mm)"

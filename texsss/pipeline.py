@@ -55,7 +55,7 @@ class Run(Beneath):
             if stopped:
                 said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
             said += self.doubts.value
-        return [*said, *notes.messages, *self.atlas.value.report.messages]
+        return [*self.inward.value, *said, *notes.messages, *self.atlas.value.report.messages]
 
     # diffusion
 
@@ -264,8 +264,9 @@ class Run(Beneath):
         scene = self.scene
         result = (self.irradiance.value, self.exitance, self.weights("total").value)
 
+        _ = self.inward  # the report tells of it, which asks for nothing new
         if scene.methods.diffusion == "surface":
-            _ = self.doubts  # the report tells of it, which asks for nothing new
+            _ = self.doubts
 
         def encode(image: Tensor) -> Tensor:
             return tonemap(image, exposure_ev=scene.output.exposure_ev, name=scene.output.tonemap)

@@ -10,6 +10,7 @@ from texsss.types import Cancel, Progress, check_cancelled
 
 STAGE_VERSIONS = {
     "mesh": 1,
+    "inward": 1,
     "occluder": 1,
     "atlas": 1,
     "texels": 1,

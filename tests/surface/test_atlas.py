@@ -1,5 +1,7 @@
 """Which texture coordinates serve, and what is made where they don't."""
 
+import signal
+import subprocess
 import time
 
 import pytest
@@ -8,9 +10,11 @@ from charted_shapes import sheet, soup, sphere
 
 from texsss.errors import Cancelled, DomainError
 from texsss.io.meshes import read_mesh
-from texsss.surface.atlas import make_atlas
+from texsss.surface import _scanline
+from texsss.surface._scanline import spans
+from texsss.surface.atlas import examine_uv, make_atlas
 from texsss.surface.mesh import Mesh
-from texsss.surface.raster import contested_area, rasterise
+from texsss.surface.raster import contested_area, rasterise, snapped
 from texsss.surface.topology import charts
 
 
@@ -138,10 +142,32 @@ def test_a_hopeless_unwrap_is_not_attempted_and_a_slow_one_ends():
     assert time.monotonic() - start < 30
 
 
-def test_cancelling_ends_the_child():
+def test_cancelling_ends_the_child(monkeypatch):
+    children = []
+    start = subprocess.Popen
+    monkeypatch.setattr(
+        subprocess, "Popen", lambda *given, **more: children.append(start(*given, **more)) or children[-1]
+    )
     asked = []
     with pytest.raises(Cancelled):
-        make_atlas(sphere(60, 100), "xatlas", size=128, cancel=lambda: asked.append(1) or len(asked) > 3)
+        make_atlas(
+            sphere(60, 100),
+            "xatlas",
+            size=128,
+            cancel=lambda: bool(children) and bool(asked.append(1) or asked[1:]),
+        )
+    assert len(children) == 1 and children[0].returncode == -signal.SIGKILL, "it was still at work"
+
+
+def test_charts_that_find_no_room_are_told(monkeypatch):
+    """xatlas ends with a code of ours, not a traceback: here for a size at which none can be packed."""
+    monkeypatch.setattr("texsss.surface.atlas.check_room", lambda *_: None)
+    plain = sphere(16, 32)
+    noise = torch.rand(len(plain.vertices), 1, generator=torch.Generator().manual_seed(0))
+    rough = plain.moved(plain.vertices * (1 + 0.5 * noise))
+    atlas = make_atlas(rough, "xatlas", size=12)
+    assert atlas.origin == "fallback"
+    assert "find no room in 12 × 12 texels" in atlas.report.messages[0]
 
 
 def test_progress_names_its_stage():
@@ -166,3 +192,48 @@ def test_the_scanned_heads_coordinates_serve(shared_data):
     assert atlas.origin == "source"
     assert atlas.report.flat + atlas.report.overlapping <= 1e-3  # measured 9.0e-4
     assert atlas.report.charts == 11
+
+
+def stacked(count: int) -> Mesh:
+    """A sheet every quad of which lies over the whole square in uv, as after "Reset" in Blender."""
+    mesh = sheet(count)
+    square = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    uv = square[torch.tensor([[0, 2, 3], [0, 2, 1]])].repeat(count * count, 1, 1)
+    return Mesh(mesh.vertices, mesh.faces, uv)
+
+
+def test_coordinates_that_lie_on_each_other_are_examined_quickly():
+    """17,000 faces, each over half of the square; texel by texel it took 8 s for every 128."""
+    mesh = stacked(92)
+    start = time.monotonic()
+    report = examine_uv(mesh, mesh.source_uv, charts(mesh.faces, mesh.source_uv), (1024, 1024))
+    assert time.monotonic() - start < 10  # measured 1.4 s
+    assert report.overlapping > 0.999 and "overlaps" in report.fault and report.outside == 0
+    with pytest.raises(DomainError, match="8,464 times"):
+        make_atlas(mesh, "source", size=64)
+
+
+def test_examining_stops_on_request():
+    mesh, asked = stacked(8), []
+    with pytest.raises(Cancelled):
+        make_atlas(mesh, size=64, cancel=lambda: asked.append(1) or len(asked) > 2)
+    assert len(asked) == 3
+
+
+def test_tall_slivers_are_rastered_in_parts():
+    """Five thousand, side by side: rows of centres are tried a part at a time, in the same order."""
+    count, size = 5000, (512, 64)
+    edge = torch.linspace(0, 1, count + 1)
+    top, bottom = torch.stack([edge, edge * 0], -1), torch.stack([edge, edge * 0 + 1], -1)
+    uv = torch.stack([top[:-1], bottom[:-1], bottom[1:]], 1)
+    grid = snapped(uv, size)
+    found = spans(grid, size)
+    assert len(_scanline._chunks(grid, size)) > 1
+    whole = torch.cat([spans(part, size).start for part in grid.split(2500)]).sort()[0]
+    assert torch.equal(found.start, whole)
+
+
+def test_an_atlas_of_our_own_that_does_not_serve_says_so():
+    atlas = make_atlas(soup(0, 3000), "fallback", size=64)
+    assert not atlas.report.serves
+    assert any("charts without a texel" in said and "--size" in said for said in atlas.report.messages)

@@ -61,13 +61,13 @@ def read_gltf(document: bytes, binary: bytes | None = None) -> RawMesh:
         raise Fault("its JSON is not readable", DAMAGED) from None
     if not isinstance(doc, dict):
         raise Fault(f"expected a JSON object, got a {type(doc).__name__}", DAMAGED)
-    for name in doc.get("extensionsRequired") or []:
-        if name in COMPRESSED:
-            raise Fault(
-                f"it is compressed with {COMPRESSED[name]}, which is not read",
-                "export it without compression",
-            )
     try:
+        for name in doc.get("extensionsRequired") or []:
+            if name in COMPRESSED:
+                raise Fault(
+                    f"it is compressed with {COMPRESSED[name]}, which is not read",
+                    "export it without compression",
+                )
         return _Reader(doc, binary).read()
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError):
         raise Fault("a part that it refers to is missing or malformed", DAMAGED) from None

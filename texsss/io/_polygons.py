@@ -2,7 +2,7 @@
 
 import numpy as np
 
-MAX_EAR_CORNERS = 4000  # ear clipping is quadratic; larger ones are cut into a fan
+MAX_EAR_CORNERS = 4000  # ear clipping takes the square of them, or worse; larger ones are cut into a fan
 
 
 def triangulate(points: np.ndarray) -> np.ndarray:
@@ -44,8 +44,10 @@ def _ears(flat: np.ndarray) -> np.ndarray:
     while len(left) > 3:
         at %= len(left)
         i, j, k = left[at - 1], left[at], left[(at + 1) % len(left)]
-        # after a full round without an ear the polygon crosses itself: cut anywhere, and end
-        if tried > len(left) or _is_ear(flat, i, j, k, left):
+        if tried > len(left):
+            # a full round without an ear: the polygon crosses itself, and no cut of the rest is right
+            return np.array([*ears, *((left[0], j, k) for j, k in zip(left[1:], left[2:]))])
+        if _is_ear(flat, i, j, k, left):
             ears.append((i, j, k))
             del left[at]
             at -= 1

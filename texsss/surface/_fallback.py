@@ -40,7 +40,7 @@ def projected_uv(
         check_cancelled(cancel)
         if progress is not None:
             progress("unwrap", 0.1 + 0.8 * step / ROUNDS)
-        folded = _folded(flat, chart)
+        folded = _folded(flat, chart, cancel)
         if not bool(folded.any()):
             break
         if step < ROUNDS - 1:
@@ -97,9 +97,9 @@ def _projected(corners: Tensor, axis: Tensor, positive: Tensor) -> Tensor:
     return torch.stack([torch.where(positive[:, None], -u, u), v], -1)
 
 
-def _folded(flat: Tensor, chart: Tensor) -> Tensor:
+def _folded(flat: Tensor, chart: Tensor, cancel: Cancel | None) -> Tensor:
     """Faces that lie on top of others of their chart. Packed charts don't meet, so one raster tells."""
     side = min(max(int(8 * len(chart) ** 0.5), TEST_SIZES[0]), TEST_SIZES[1])
     uv, _ = pack(flat.numpy(), chart.numpy(), side, 1.0)
-    claims = spans(snapped(torch.from_numpy(uv), (side, side)), (side, side))
-    return disjoint(claims).texels_per_face(len(chart)) < claims.texels_per_face(len(chart))
+    claims = spans(snapped(torch.from_numpy(uv), (side, side)), (side, side), cancel)
+    return disjoint(claims, cancel).texels_per_face(len(chart)) < claims.texels_per_face(len(chart))

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import torch
 
-from texsss.types import Bool, Cancel, Float, Int, Tensor, check_cancelled, chunks
+from texsss.types import Bool, Cancel, Float, Int, Tensor, check_cancelled
 
 SUBTEXELS = 1 << 16  # snapping moves a corner by at most 2⁻¹⁷ texel: less than float32 uv resolve
 CHUNK_FACES = 1 << 17
+CHUNK_ROWS = 1 << 21  # of triangles, tested at once: many tall slivers have far more than texels
 CHUNK_TEXELS = 1 << 21  # contested texels sorted at once: bounds the peak, not the speed
 
 
@@ -47,7 +48,7 @@ def spans(grid: Int[Tensor, "F 3 2"], size: tuple[int, int], cancel: Cancel | No
     triangles that meet in an edge the one right of or below it owns centres on the edge.
     """
     parts = []
-    for part in chunks(grid.shape[0], CHUNK_FACES):
+    for part in _chunks(grid, size):
         check_cancelled(cancel)
         corners = grid[part]
         face, row = _rows(corners, size)
@@ -56,6 +57,18 @@ def spans(grid: Int[Tensor, "F 3 2"], size: tuple[int, int], cancel: Cancel | No
         face, row, first, stop = face[used], row[used], first[used], stop[used]
         parts.append(Spans(face + part.start, row * size[1] + first, stop - first))
     return _sorted(parts)
+
+
+def _chunks(grid: Int[Tensor, "F 3 2"], size: tuple[int, int]) -> list[slice]:
+    """Faces in order, in parts of at most CHUNK_FACES and of about CHUNK_ROWS rows."""
+    if grid.shape[0] * size[0] <= CHUNK_ROWS:
+        return [slice(0, grid.shape[0])]
+    y = grid[..., 1]
+    tall = ((y.amax(1) - y.amin(1)) // SUBTEXELS).clamp_max(size[0])
+    number = tall.cumsum(0) // CHUNK_ROWS
+    number = number + torch.arange(len(number), device=number.device) // CHUNK_FACES
+    ends = torch.unique_consecutive(number, return_counts=True)[1].cumsum(0).tolist()
+    return [slice(low, high) for low, high in zip([0, *ends[:-1]], ends)]
 
 
 def disjoint(claims: Spans, cancel: Cancel | None = None) -> Spans:

@@ -13,7 +13,7 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.surface._shelves import FILL
-from texsss.surface._xatlas_child import PIECE
+from texsss.surface._xatlas_child import NO_MEMORY, NO_ROOM, PIECE
 from texsss.surface.mesh import Mesh
 from texsss.surface.topology import components
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
@@ -114,8 +114,12 @@ def xatlas_uv(
             child.wait()
         if why:
             return None, 0.0, why
+        if child.returncode == NO_ROOM:
+            return None, 0.0, f"the charts find no room in {size} × {size} texels"
+        if child.returncode == NO_MEMORY:
+            return None, 0.0, "xatlas had too little memory"
         if not target.is_file():
-            return None, 0.0, f"xatlas ended with code {child.returncode}"
+            return None, 0.0, f"xatlas crashed (code {child.returncode})"
         with np.load(target) as made:
             return torch.from_numpy(made["uv"]).to(mesh.vertices), float(made["padding"]), ""
 

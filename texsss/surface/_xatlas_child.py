@@ -11,6 +11,11 @@ PIECE = 1200  # faces that xatlas gets at once: its charts grow in time that ris
 CLOSE = 0.97  # share of the square's edge that a packing may leave off
 TRIES = 8  # packings, at most, before one that fits is taken
 MORE = 24  # and before none is
+NO_ROOM, NO_MEMORY = 3, 4  # codes that it ends with
+
+
+class NoRoom(Exception):
+    """No packing fits into the square."""
 
 
 def pieces(place: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
@@ -84,7 +89,7 @@ def pack(cut: list, size: int, margin: int, filled: float) -> list[tuple[np.ndar
         # short of the aim when too large: margins do not shrink along
         scale *= size / side * (0.99 if side <= size else 0.97)
     if found is None:
-        raise ValueError("no packing fits")
+        raise NoRoom
     return found
 
 
@@ -97,4 +102,9 @@ def main(source: str, target: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    try:
+        main(*sys.argv[1:3])
+    except NoRoom:
+        sys.exit(NO_ROOM)
+    except MemoryError:
+        sys.exit(NO_MEMORY)

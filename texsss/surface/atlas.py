@@ -10,7 +10,7 @@ from texsss.surface._fallback import projected_uv
 from texsss.surface._scanline import doubled_area, spans
 from texsss.surface._unwrap import LONG_S, check_room, patience, xatlas_uv
 from texsss.surface.mesh import Mesh
-from texsss.surface.raster import check_size, contested_area, snapped
+from texsss.surface.raster import check_size, contested_area, looked_at, snapped, times_covered
 from texsss.surface.topology import charts
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
@@ -18,6 +18,7 @@ Origin = Literal["source", "xatlas", "fallback"]
 
 MAX_USELESS = 1e-3  # share of the surface that may be flat or overlap in uv
 MAX_STARVED = 1e-2  # share of the surface that may lie in charts too small for a single texel
+MAX_COVERED = 16  # times that the author's coordinates may cover the square if they are insisted on
 MARGIN = 1e-5  # how far outside the square still counts as on its edge: exporters round
 TEST_SIZES = (1024, 2048)  # between these the texels lie in which overlaps are looked for
 
@@ -95,7 +96,7 @@ def make_atlas(
         raise DomainError(f"make_atlas: expected uv as one of auto, source, xatlas, fallback, got {uv!r}.")
     messages: list[str] = []
     if uv in ("auto", "source"):
-        found = _source_atlas(mesh, shape, insisted=uv == "source")
+        found = _source_atlas(mesh, shape, uv == "source", cancel)
         if isinstance(found, Atlas):
             return found
         messages.append(found)
@@ -109,14 +110,14 @@ def make_atlas(
         )
         if texture is not None:
             said = [*messages, *_crowded(padding, padding_texels)]
-            atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", padding, said)
+            atlas = _atlas(mesh, texture.clamp(0, 1), shape, "xatlas", padding, said, cancel)
             if atlas.report.serves or uv == "xatlas":
                 return atlas
             why = f"xatlas' unwrap does not serve: {atlas.report.fault}"
         messages.append(f"{why}, so the faces were projected along the axes instead")
     texture, padding = projected_uv(mesh, side, padding_texels, progress=progress, cancel=cancel)
     messages += _crowded(padding, padding_texels)
-    return _atlas(mesh, texture, shape, "fallback", padding, messages)
+    return _atlas(mesh, texture, shape, "fallback", padding, messages, cancel)
 
 
 def _crowded(padding: float, asked: int) -> list[str]:
@@ -127,23 +128,32 @@ def _crowded(padding: float, asked: int) -> list[str]:
 
 
 def examine_uv(
-    mesh: Mesh, uv: Float[Tensor, "F 3 2"], chart: Int[Tensor, " F"], size: tuple[int, int]
+    mesh: Mesh,
+    uv: Float[Tensor, "F 3 2"],
+    chart: Int[Tensor, " F"],
+    size: tuple[int, int],
+    cancel: Cancel | None = None,
 ) -> AtlasReport:
-    """How well `uv` would serve as an atlas of `size` (H, W) [texels]."""
+    """How well `uv` would serve as an atlas of `size` (H, W) [texels].
+
+    Where faces cover the square many times over, shares are those of a coarser grid: it does not serve.
+    Raises Cancelled.
+    """
     area = mesh.face_area.detach().double()
     total = area.sum()
     outside = ((uv < -MARGIN) | (uv > 1 + MARGIN)).any(-1).any(-1)
     near = torch.where(outside[:, None, None], torch.zeros_like(uv), uv.detach()).clamp(0, 1)
     test = tuple(min(max(side, TEST_SIZES[0]), TEST_SIZES[1]) for side in size)
+    size, test = looked_at(near, size), looked_at(near, (test[0], test[1]))
     grid = snapped(near, size)
     flat = (doubled_area(grid) == 0) & ~outside
-    texels = spans(grid, size).texels_per_face(len(area))
+    texels = spans(grid, size, cancel).texels_per_face(len(area))
     per_chart = torch.zeros(int(chart.max()) + 1, dtype=torch.float64, device=area.device)
     starved = (per_chart.index_add(0, chart, texels) == 0)[chart] & ~flat & ~outside
     return AtlasReport(
         charts=len(per_chart),
         flat=float(area[flat].sum() / total),
-        overlapping=float(contested_area(mesh, near, (test[0], test[1])).sum() / total),
+        overlapping=float(contested_area(mesh, near, test, cancel).sum() / total),
         starved=float(area[starved].sum() / total),
         outside=int(outside.sum()),
         padding_texels=None,
@@ -158,21 +168,25 @@ def _atlas(
     origin: Origin,
     padding: float | None,
     messages: list[str],
+    cancel: Cancel | None,
 ) -> Atlas:
+    """An atlas and what is to be said of it: of one of our own, that it does not serve, too."""
     chart = charts(mesh.faces, uv)
-    found = examine_uv(mesh, uv, chart, size)
+    found = examine_uv(mesh, uv, chart, size, cancel)
+    if origin != "source" and not found.serves:
+        messages = [*messages, f"{found.fault}: raise atlas.size (--size)"]
     values = {**vars(found), "padding_texels": padding, "messages": tuple(messages)}
     return Atlas(uv, chart, origin, AtlasReport(**values))
 
 
-def _source_atlas(mesh: Mesh, size: tuple[int, int], *, insisted: bool) -> Atlas | str:
+def _source_atlas(mesh: Mesh, size: tuple[int, int], insisted: bool, cancel: Cancel | None) -> Atlas | str:
     """The author's coordinates as an atlas, or why they are none."""
     remedy = 'choose uv="xatlas" to have it unwrapped.'
     if mesh.source_uv is None:
         if insisted:
             raise DomainError(f"make_atlas: expected texture coordinates, but {mesh.name} has none; {remedy}")
         return "the mesh has no texture coordinates and was unwrapped"
-    atlas = _atlas(mesh, mesh.source_uv, size, "source", None, [])
+    atlas = _atlas(mesh, mesh.source_uv, size, "source", None, [], cancel)
     report = atlas.report
     if report.serves:
         return Atlas(atlas.uv.clamp(0, 1), atlas.chart, "source", report)
@@ -180,6 +194,12 @@ def _source_atlas(mesh: Mesh, size: tuple[int, int], *, insisted: bool) -> Atlas
         return f"the author's texture coordinates do not serve as an atlas ({report.fault}): unwrapped anew"
     if report.outside or report.flat > 0.5:
         raise DomainError(f"make_atlas: expected texture coordinates of use, but {report.fault}; {remedy}")
+    covered = times_covered(mesh.source_uv)
+    if covered > MAX_COVERED:
+        raise DomainError(
+            "make_atlas: expected texture coordinates of use, but they cover the square "
+            f"{covered:,.0f} times; {remedy}"
+        )
     values = {
         **vars(report),
         "messages": (f"the author's texture coordinates are used although {report.fault}",),

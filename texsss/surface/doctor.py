@@ -10,9 +10,9 @@ from texsss.surface.atlas import MARGIN, AtlasReport, examine_uv
 from texsss.surface.dilate import nearest_filled
 from texsss.surface.mesh import Mesh
 from texsss.surface.metric import Spread, anisotropies, texel_sizes
-from texsss.surface.raster import snapped
+from texsss.surface.raster import looked_at, snapped
 from texsss.surface.topology import Edges, charts, closed_volume, components, edge_report, shared_edges
-from texsss.types import Float, Int, Tensor
+from texsss.types import Cancel, Float, Int, Tensor
 
 COLOURS = {
     "empty": (0.10, 0.10, 0.11),
@@ -54,25 +54,28 @@ class UvReport:
 
 
 def examine(
-    mesh: Mesh, uv: Float[Tensor, "F 3 2"], size: tuple[int, int]
-) -> tuple[UvReport, Float[Tensor, "H W 3"]]:
+    mesh: Mesh, uv: Float[Tensor, "F 3 2"], size: tuple[int, int], cancel: Cancel | None = None
+) -> tuple[UvReport, Float[Tensor, "h w 3"]]:
     """A report on `uv` as an atlas of `size` (H, W) [texels], and a picture of it.
 
     The picture, display-encoded in 0..1, shows empty texels dark, sound ones grey, mirrored charts blue,
-    flipped faces yellow, overlaps red and the borders of charts white.
+    flipped faces yellow, overlaps red and the borders of charts white. It has that size, or less where faces
+    cover the square many times over. Raises Cancelled.
     """
     chart = charts(mesh.faces, uv)
     inside = ((uv >= -MARGIN) & (uv <= 1 + MARGIN)).all(-1).all(-1)
     placed = torch.where(inside[:, None, None], uv.detach(), torch.zeros_like(uv)).clamp(0, 1)
-    grid = snapped(placed, size)
-    claims = spans(grid, size)
-    winners = disjoint(claims)
+    shown = looked_at(placed, size)
+    grid = snapped(placed, shown)
+    claims = spans(grid, shown, cancel)
+    winners = disjoint(claims, cancel)
     count = len(mesh.faces)
     lost = claims.texels_per_face(count) > winners.texels_per_face(count)
+    gap = _padding(winners, chart, shown)
     mirrored, flipped = _turned(mesh, uv.detach(), chart)
     part = components(count, shared_edges(mesh.faces))
     report = UvReport(
-        atlas=examine_uv(mesh, uv, chart, size),
+        atlas=examine_uv(mesh, uv, chart, size, cancel),
         faces=count,
         mirrored=int(mirrored.sum()),
         flipped=int(flipped.sum()),
@@ -81,13 +84,13 @@ def examine(
         overlapping=int(lost.sum()),
         texel_mm=texel_sizes(mesh, uv, size),
         stretch=anisotropies(mesh, uv, size),
-        padding_texels=_padding(winners, chart, size),
-        covered=float(winners.length.sum()) / (size[0] * size[1]),
+        padding_texels=None if gap is None else gap * size[1] / shown[1],
+        covered=float(winners.length.sum()) / (shown[0] * shown[1]),
         edges=edge_report(mesh.faces),
         parts=int(part.max()) + 1,
         inside_out=int((closed_volume(mesh, part) < 0).sum()),
     )
-    return report, _picture(claims, winners, chart, mirrored, flipped, size)
+    return report, _picture(claims, winners, chart, mirrored, flipped, shown)
 
 
 def _turned(mesh: Mesh, uv: Tensor, chart: Tensor) -> tuple[Tensor, Tensor]:

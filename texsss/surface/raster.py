@@ -11,6 +11,9 @@ from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
 CHUNK_TEXELS = 1 << 18  # texels written at once: small enough for the cache
 MAX_STEP = 4.0  # of a gutter texel beyond its face, in typical texels per texel
+MAX_CLAIMS = (
+    1 << 22
+)  # texels that triangles which lie on each other may claim where only shares are asked for
 MAX_SIZE = 16384  # keeps edge functions of texels with 16 fractional bits inside int64
 
 
@@ -54,17 +57,35 @@ def rasterise(
     return TexelMaps(mesh, atlas_uv, points, is_covered, (size[0], size[1]))
 
 
-def contested_area(mesh: Mesh, uv: Float[Tensor, "F 3 2"], size: tuple[int, int]) -> Float[Tensor, " F"]:
+def contested_area(
+    mesh: Mesh, uv: Float[Tensor, "F 3 2"], size: tuple[int, int], cancel: Cancel | None = None
+) -> Float[Tensor, " F"]:
     """Surface area of every face whose place in uv another face owns [mm²].
 
     Counted on texel centres, each standing for its share of the face; mirrored charts do not matter,
     overlaps do: of the faces that claim a texel all but the lowest lose it. Parts of `uv` outside the
     square are not counted. float64.
     """
-    claims = spans(snapped(uv, size), size)
+    claims = spans(snapped(uv, size), size, cancel)
     faces = mesh.faces.shape[0]
-    lost = claims.texels_per_face(faces) - disjoint(claims).texels_per_face(faces)
+    lost = claims.texels_per_face(faces) - disjoint(claims, cancel).texels_per_face(faces)
     return lost * area_per_texel(mesh, uv, size)
+
+
+def times_covered(uv: Float[Tensor, "F 3 2"]) -> float:
+    """How many times the triangles of `uv` would cover the unit square together; above 1 they overlap."""
+    edges = (uv[:, 1:] - uv[:, :1]).detach().double()
+    return float(torch.linalg.det(edges).abs().sum() / 2)
+
+
+def looked_at(uv: Float[Tensor, "F 3 2"], size: tuple[int, int]) -> tuple[int, int]:
+    """`size` (H, W), or a coarser one where triangles that lie on each other would claim too many texels."""
+    texels, covered = size[0] * size[1], times_covered(uv)
+    allowed = max(MAX_CLAIMS, 2 * texels)
+    if covered * texels <= allowed:
+        return size
+    shrink = (allowed / (covered * texels)) ** 0.5
+    return max(round(size[0] * shrink), min(size[0], 16)), max(round(size[1] * shrink), min(size[1], 16))
 
 
 def area_per_texel(mesh: Mesh, uv: Float[Tensor, "F 3 2"], size: tuple[int, int]) -> Float[Tensor, " F"]:
