@@ -46,7 +46,9 @@ def _ears(flat: np.ndarray) -> np.ndarray:
         i, j, k = left[at - 1], left[at], left[(at + 1) % len(left)]
         if tried > len(left):
             # a full round without an ear: the polygon crosses itself, and no cut of the rest is right
-            return np.array([*ears, *((left[0], j, k) for j, k in zip(left[1:], left[2:]))])
+            rest = np.array(left)
+            fan = np.stack([np.full(len(rest) - 2, rest[0]), rest[1:-1], rest[2:]], -1)
+            return np.concatenate([np.array(ears, int).reshape(-1, 3), fan])
         if _is_ear(flat, i, j, k, left):
             ears.append((i, j, k))
             del left[at]
