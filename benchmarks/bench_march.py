@@ -9,6 +9,8 @@ fragment shader does after rasterisation: rays and lights are given; `whole call
 The fish is a foreign mesh where there is one, else the shipped animal; the gecko is the shipped scene.
 """
 
+from texsss import openmp  # noqa: F401, I001  before torch
+
 import argparse
 import math
 import time

@@ -24,11 +24,17 @@ from texsss.types import Float, Tensor
 
 HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePerrySmith.obj"
 OWN = "axolotl/axolotl.obj"
+BALL_MM = 100.0  # radius of a head
 BOX = 5  # pixels
 METHODS = {
     "no diffusion (Lambert)": {"diffusion": "none"},
     "diffusion of all light": {"diffusion": "surface"},
     "diffusion + march": {"diffusion": "surface", "single_scattering": "exact"},
+    "diffusion + march + transmission": {
+        "diffusion": "surface",
+        "single_scattering": "exact",
+        "transmission": True,
+    },
 }
 
 
@@ -37,6 +43,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=256, help="of the path tracer, per pixel")
     parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
     parser.add_argument("--atlas", type=int, default=1024)
+    parser.add_argument("--only", choices=("ball", "head", "axolotl"))
     parser.add_argument("--pictures", type=Path, help="a folder for the pictures, as PNG")
     arguments = parser.parse_args()
     try:
@@ -45,10 +52,26 @@ def main() -> None:
         print("skipped: the path tracer is not installed; pip install mitsuba")
         return
     mitsuba.set_variant("scalar_rgb")
+    with tempfile.TemporaryDirectory() as folder:
+        everything(arguments, ball(Path(folder)))
+
+
+def ball(folder: Path) -> Path:
+    """A file of a sphere: nothing on it lights anything else on it."""
+    path = folder / "ball.obj"
+    trimesh.creation.icosphere(subdivisions=6, radius=BALL_MM).export(path)
+    return path
+
+
+def everything(arguments: argparse.Namespace, sphere: Path) -> None:
+    """Prints the tables of all objects."""
     for name, mesh, medium in (
+        ("ball", {"source": {"path": str(sphere)}, "unit_mm": 1.0}, "skin1"),
         ("head", {"source": {"path": str(HEAD)}}, "skin1"),
         ("axolotl", {"source": {"builtin": OWN}, "unit_mm": 1.0}, "marble"),
     ):
+        if arguments.only not in (None, name):
+            continue
         if name == "head" and not HEAD.is_file():
             print(f"{name}: skipped, {HEAD} is absent")
             continue

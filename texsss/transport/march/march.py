@@ -16,7 +16,7 @@ from texsss.transport.march.gatherer import Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
 from texsss.transport.march.noise import Noise, draw
 from texsss.transport.march.planes import Planes, fit_planes, plane_radius, tangent_planes
-from texsss.transport.march.setup import Surface, light_scalars, view_rays
+from texsss.transport.march.setup import Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
@@ -70,7 +70,8 @@ def march(
     if len(points) == 0:
         return mesh.vertices.new_zeros(0, 3)
     planes = planes or fitted_planes(mesh, interior)
-    surface = Surface(mesh, planes, check_uv(mesh, uv, interior))
+    coordinates = check_uv(mesh, uv, interior)
+    surface = Surface(mesh, planes, coordinates)
     if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
         compiled = False
     gather = Gatherer(interior, method, samples, phase, compiled)
@@ -80,9 +81,17 @@ def march(
     for k, row in enumerate(rows):
         check_cancelled(cancel)
         here = points[row]
+        towards = unit(view - here.position(mesh)) if view.ndim == 1 else view[row].to(mesh.vertices)
+        jitter = None if noise is None else draw(noise, here.uv(coordinates), generator)
+        facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
+        result = torch.zeros_like(towards)
+        if len(facing) == 0:
+            parts.append(result)
+            continue
+        if len(facing) < len(here):  # what faces away is dark
+            here, towards = here[facing], towards[facing]
+            jitter = None if jitter is None else jitter[facing]
         sites = surface.at(here)
-        towards = unit(view - sites.position) if view.ndim == 1 else view[row].to(sites.position)
-        jitter = None if noise is None else draw(noise, sites.uv, generator)
         rays = view_rays(
             sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2]
         )
@@ -109,7 +118,8 @@ def march(
                     waiting = []
         if waiting:
             total = total + gather(rays.scalars, torch.stack(waiting), shift)
-        parts.append(total * rays.leaves[:, None])
+        left = total * rays.leaves[:, None]
+        parts.append(result.index_put((facing,), left))
         if progress is not None:
             progress("march", (k + 1) / len(rows))
     return torch.cat(parts)
