@@ -11,8 +11,9 @@ import torch
 from texsss.errors import AssetError
 from texsss.io._gltf import read_glb, read_gltf
 from texsss.io._obj import read_obj
+from texsss.io._ply import read_ply
 from texsss.io._raw import Fault, RawMesh
-from texsss.io._scan import read_ply, read_stl
+from texsss.io._stl import read_stl
 from texsss.io.probe import MeshFormat, mesh_format
 from texsss.surface.mesh import Mesh
 
