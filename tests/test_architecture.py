@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "look": ROOMS | {"specs", "methods", "resolve"},
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
-    "estimate": ROOMS | {"pipeline"},
+    "estimate": ROOMS | {"scene", "pipeline", "placing"},
     "stages": {"errors", "types", "scene", "cache"},
     "ground": ROOMS | {"scene", "resolve", "cache", "stages"},
     "matter": ROOMS | {"resolve", "cache", "ground", "look"},

@@ -2,9 +2,13 @@
 
 from dataclasses import dataclass
 
+from texsss import placing
+from texsss.light.irradiance import AREA_SAMPLES, SHARING
+from texsss.light.sky import own_looks
 from texsss.pipeline import Run
-from texsss.surface._unwrap import LONG_S, unwrap_seconds
-from texsss.surface.atlas import examine_uv
+from texsss.scene import Scene
+from texsss.surface._unwrap import LONG_S, check_room, unwrap_seconds
+from texsss.surface.atlas import examine_uv, make_atlas
 from texsss.surface.mesh import Mesh
 from texsss.surface.topology import charts
 
@@ -16,8 +20,12 @@ SECONDS_PER_TEXEL = {"uv": 1.6e-6, "none": 0.2e-6}  # per texel and Gaussian of 
 OPERATOR_SECONDS = 20e-6  # to build and apply the operators of one texel
 OPERATOR_BYTES = 1200
 OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
-RAYS_PER_LIGHT = {"studio": 3, "rectangle": 16, "sphere": 16, "environment": 4}
+RAYS_PER_LIGHT = {"studio": 3, "rectangle": AREA_SAMPLES, "sphere": AREA_SAMPLES}
 RAYS_PER_SECOND = 1.5e6
+THROUGH_RAYS = 15  # that thickness and what it lets pass cost, at about
+LAMPS = {"studio": 3, "rectangle": 4, "sphere": 4, "environment": 16}  # samples of a light in the march
+MARCH_SECONDS, STEP_SECONDS = 5e-6, 3e-7  # per hit and lamp, and for each of its steps
+PICTURE_SHARE = 0.6  # of a picture's pixels that show the object, edges counted as often as they are sampled
 PROJECTED_FACES_PER_SECOND = 2.5e4  # where xatlas would take too long
 LARGE_FACES, LARGE_SIZE = 50_000, 2048  # from which it may take long
 LONG_BAKE_S = 10.0  # worth a word beforehand
@@ -38,7 +46,8 @@ class Estimate:
 def estimate(run: Run) -> Estimate:
     """The cost of a bake, within a factor of two; reads the mesh but bakes nothing.
 
-    The seconds were measured on two cores of 2020s server hardware. Raises TexsssError: of the mesh.
+    The seconds were measured on two cores of 2020s server hardware. Raises TexsssError: of the mesh, and
+    where it has no room in the atlas or its texture coordinates are insisted on and of no use.
     """
     (mesh, _), scene = run.mesh.value, run.scene
     size, terms = scene.atlas.texels, scene.methods.terms
@@ -46,13 +55,23 @@ def estimate(run: Run) -> Estimate:
         scene.atlas.uv == "auto" and not serves(mesh, size)
     )
     if scene.atlas.uv == "source":
-        _ = run.source_uv
+        make_atlas(mesh, "source", size=scene.atlas.size)
+    if unwraps:
+        check_room(mesh, scene.atlas.size, scene.atlas.padding_texels)
     share = PACKED_SHARE if unwraps else source_share(mesh)
     texels = round(share * size * size)
     memory = FIXED_BYTES + texels * (POINT_BYTES + terms * GAUSSIAN_BYTES) + size * size * GRID_BYTES
     blur = SECONDS_PER_TEXEL.get(scene.methods.diffusion, max(SECONDS_PER_TEXEL.values())) * terms
-    lamps = sum(RAYS_PER_LIGHT.get(light.type, 1) for light in scene.lights)
-    seconds = 2.0 + size * size * blur / 3 + texels * lamps / RAYS_PER_SECOND
+    rays = rays_per_texel(scene)
+    if scene.methods.transmission:
+        rays += THROUGH_RAYS
+        memory += texels * terms * GAUSSIAN_BYTES
+    seconds = 2.0 + size * size * blur / 3 + texels * rays / RAYS_PER_SECOND
+    if scene.methods.single_scattering != "none":
+        width, height = scene.camera.resolution
+        lamps = sum(LAMPS.get(light.type, 1) for light in scene.lights)
+        each = MARCH_SECONDS + scene.methods.march_samples * STEP_SECONDS
+        seconds += PICTURE_SHARE * width * height * lamps * each
     faces = mesh.faces.shape[0]
     projected = scene.atlas.uv == "fallback" or (scene.atlas.uv == "auto" and unwrap_seconds(faces) > LONG_S)
     made = "projected along the axes" if projected else "made by xatlas"
@@ -65,6 +84,14 @@ def estimate(run: Run) -> Estimate:
         seconds += texels * OCTREE_SECONDS
     atlas = made if unwraps else "the texture coordinates serve"
     return Estimate(seconds, memory, texels, share, atlas)
+
+
+def rays_per_texel(scene: Scene) -> int:
+    """Rays that look for light from each texel, by the samples of every light."""
+    surroundings = sum(light.type == "environment" for light in scene.lights)
+    looks = own_looks(placing.environment_samples(scene), SHARING)
+    others = (light.type for light in scene.lights if light.type != "environment")
+    return surroundings * looks + sum(RAYS_PER_LIGHT.get(kind, 1) for kind in others)
 
 
 def described(run: Run) -> dict[str, str]:

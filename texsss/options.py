@@ -33,7 +33,9 @@ def described(
     lights: Annotated[
         list[str] | None, typer.Option("--light", help=f"May be repeated: {', '.join(FORMS.values())}.")
     ] = None,
-    env: Annotated[Path | None, typer.Option(help="Panorama that lights the scene (EXR, HDR).")] = None,
+    env: Annotated[
+        Path | None, typer.Option(help="Panorama that lights the scene (best EXR or HDR).")
+    ] = None,
     diffusion: Annotated[str | None, typer.Option(help="none, uv, …: how light spreads.")] = None,
     exposure: Annotated[float | None, typer.Option(help="Exposure of the picture [EV].")] = None,
     tonemap: Annotated[str | None, typer.Option(help="linear, agx or aces.")] = None,
@@ -79,7 +81,7 @@ def described(
     put(tonemap, "output", "tonemap")
     shining = [light(text) for text in lights or []]
     if env is not None:
-        maps["environment"] = {"source": {"path": str(env)}, "space": "linear"}
+        maps["environment"] = {"source": {"path": str(env)}, "space": "srgb"}  # of PNG, JPEG
         shining.append({"type": "environment", "map": "environment"})
     if shining:
         data["lights"] = shining

@@ -41,7 +41,7 @@ def _placed(spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
         case PointSpec():
             return [PointLight(spec.position_mm, spec.intensity_w_per_sr)]
         case SpotSpec():
-            inner, outer = math.radians(min(spec.inner_deg, spec.outer_deg)), math.radians(spec.outer_deg)
+            inner, outer = math.radians(spec.inner_deg), math.radians(spec.outer_deg)
             return [SpotLight(spec.position_mm, spec.intensity_w_per_sr, spec.direction, inner, outer)]
         case DirectionalSpec():
             return [DirectionalLight(spec.direction, spec.irradiance_w_per_m2)]

@@ -205,6 +205,15 @@ class SpotSpec(Model):
     inner_deg: Annotated[Number, Field(ge=0, lt=90)] = 20.0
     outer_deg: Annotated[Number, Field(gt=0, le=90)] = 25.0
 
+    @model_validator(mode="after")
+    def _inner_within_outer(self) -> "SpotSpec":
+        if self.inner_deg > self.outer_deg:
+            raise ValueError(
+                f"expected inner_deg up to outer_deg, got {self.inner_deg:g} and {self.outer_deg:g}; "
+                "raise outer_deg"
+            )
+        return self
+
 
 class RectangleSpec(Model):
     """A panel around `position_mm` whose edges are two vectors [mm]; it shines towards width × height."""
@@ -229,7 +238,8 @@ class EnvironmentSpec(Model):
     """Light from everywhere: one radiance [W/(m² sr)], or a panorama (a name in `maps`) times it.
 
     The centre of the panorama lies towards -z, behind the object seen from the front; `rotation_deg` turns it
-    counter-clockwise seen from above.
+    counter-clockwise seen from above. `samples`: looks that stand for each texel; it takes every 16th of
+    them itself, at least two, and shares its neighbours'. With several environments the most count for all.
     """
 
     type: Literal["environment"] = "environment"

@@ -43,5 +43,7 @@ def test_strength_and_missing_uv():
     mesh, points = sheet()
     flat = mapped_normals(points, mesh, colour(1, 1, 0.6), strength=0.0)
     torch.testing.assert_close(flat[:, 2], torch.ones(2))
+    with pytest.raises(ShapeError, match=r"red, green and blue, got 1 channel"):
+        mapped_normals(points, mesh, colour(1, 1, 0.6)[..., :1])
     with pytest.raises(ShapeError, match="unwrap"):
         mapped_normals(points, square(), colour(0.5, 0.5, 1))

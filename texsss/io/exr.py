@@ -8,8 +8,8 @@ import numpy as np
 import OpenEXR
 import torch
 
-from texsss.errors import AssetError, ShapeError, TooLarge
-from texsss.io.files import read_bytes, replacing
+from texsss.errors import AssetError, ShapeError
+from texsss.io.files import check_pixels, read_bytes, replacing
 from texsss.types import Float, Tensor
 
 MAGIC = b"v/1\x01"
@@ -56,12 +56,7 @@ def read_exr(
         header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
         low, high = header["dataWindow"]
         width, height = (int(h) - int(l) + 1 for l, h in zip(low, high))
-        if not 0 < width * height <= max_pixels:
-            raise TooLarge(
-                f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
-                max_pixels,
-                width * height,
-            )
+        check_pixels(width, height, name, max_pixels)
         chosen = _colours([channel.name for channel in header["channels"]], name)
         found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
         planes = [np.asarray(found[c].pixels, dtype=np.float32) for c in chosen]

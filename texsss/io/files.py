@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, TooLarge
 
 
 @contextmanager
@@ -46,3 +46,15 @@ def read_bytes(path: str | Path) -> bytes:
     if not data:
         raise AssetError(f"{path}: expected an image, got an empty file; export it again.")
     return data
+
+
+def check_pixels(width: int, height: int, name: str, max_pixels: int) -> None:
+    """Raises AssetError: when an image has no pixels, TooLarge: when it has more than `max_pixels`."""
+    if width <= 0 or height <= 0:
+        raise AssetError(f"{name}: expected an image, got one of {width} × {height} pixels; export it again.")
+    if width * height > max_pixels:
+        raise TooLarge(
+            f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
+            max_pixels,
+            width * height,
+        )

@@ -5,10 +5,12 @@ import re
 import numpy as np
 import torch
 
-from texsss.errors import AssetError, TooLarge
+from texsss.errors import AssetError
+from texsss.io.files import check_pixels
 from texsss.types import Float, Tensor
 
 MAGIC = b"#?"
+BLOCK = 1 << 18  # pixels that are scaled at once
 _SIZE = re.compile(rb"([-+])Y (\d{1,9}) ([-+])X (\d{1,9})$")
 
 
@@ -26,29 +28,47 @@ def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[
             f"{name}: expected rows along X, got {header[-1][:40]!r}; rotate and export it again."
         )
     down, height, right, width = size[1] == b"-", int(size[2]), size[3] == b"+", int(size[4])
-    if not 0 < width * height <= max_pixels:
-        raise TooLarge(
-            f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
-            max_pixels,
-            width * height,
-        )
+    check_pixels(width, height, name, max_pixels)
     if any(line.startswith(b"FORMAT=") and line != b"FORMAT=32-bit_rle_rgbe" for line in header):
         raise AssetError(f"{name}: expected RGBE colours, got another FORMAT; export it again.")
-    exposure = 1.0
-    for line in header:
-        if found := re.fullmatch(rb"EXPOSURE=\s*([0-9.eE+-]+)\s*", line):
-            exposure *= float(found[1])
+    exposure = _exposure(header, name)
     try:
         rgbe = _pixels(data, start, height, width)
     except (IndexError, ValueError) as error:
         raise AssetError(
             f"{name}: expected {width} × {height} pixels, got fewer; download it again."
         ) from error
-    scale = np.ldexp(1.0, rgbe[..., 3].astype(np.int32) - (128 + 8))
-    scale = np.where(rgbe[..., 3] == 0, 0.0, scale) / (exposure if exposure > 0 else 1.0)
-    image = ((rgbe[..., :3] + 0.5) * scale[..., None]).astype(np.float32)
+    image = np.empty((height, width, 3), np.float32)
+    step = max(BLOCK // width, 1)
+    for row in range(0, height, step):
+        _scaled(rgbe[row : row + step], exposure, image[row : row + step])
     image = image[:: 1 if down else -1, :: 1 if right else -1]
-    return torch.from_numpy(np.ascontiguousarray(np.minimum(image, np.finfo(np.float32).max)))
+    return torch.from_numpy(np.ascontiguousarray(image))
+
+
+def _exposure(header: list[bytes], name: str) -> float:
+    """What values are to be divided by: the product of all that is stated."""
+    exposure = 1.0
+    for line in header:
+        if line.startswith(b"EXPOSURE="):
+            try:
+                exposure *= float(line.partition(b"=")[2])
+            except ValueError:
+                raise AssetError(
+                    f"{name}: expected a number as EXPOSURE, got {line[9:40]!r}; export it again."
+                ) from None
+    return exposure if 0 < exposure < np.inf else 1.0
+
+
+def _scaled(rgbe: np.ndarray, exposure: float, out: np.ndarray) -> None:
+    """Writes the values of some rows to `out`; what float32 cannot hold is its greatest number."""
+    power = rgbe[..., 3, None]
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        np.add(rgbe[..., :3], np.float32(0.5), out=out, dtype=np.float32)
+        out *= np.ldexp(np.float32(1), power.astype(np.int32) - (128 + 8)).astype(np.float32)
+        out /= np.float32(exposure)
+    out[rgbe[..., 3] == 0] = 0
+    np.minimum(out, np.finfo(np.float32).max, out=out)
 
 
 def _header(data: bytes, name: str) -> tuple[list[bytes], int]:
@@ -94,6 +114,10 @@ def _runs(data: bytes, at: int, row: np.ndarray) -> int:
 
 def _old_runs(data: bytes, at: int, row: np.ndarray) -> int:
     """One scanline of whole pixels; 1 1 1 n repeats the last one n times, 256 n if it follows another."""
+    flat = np.frombuffer(data, np.uint8, min(row.size, len(data) - at) // 4 * 4, at).reshape(-1, 4)
+    if len(flat) == len(row) and not (flat[1:, :3] == 1).all(1).any():
+        row[:] = flat
+        return at + row.size
     x, shift = 0, 0
     while x < row.shape[0]:
         pixel = np.frombuffer(data, np.uint8, 4, at)

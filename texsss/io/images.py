@@ -9,11 +9,11 @@ from pathlib import Path
 import kornia_rs
 import numpy as np
 import torch
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from texsss.errors import AssetError, DomainError, ShapeError, TooLarge
 from texsss.io import exr, hdr
-from texsss.io.files import read_bytes, replacing
+from texsss.io.files import check_pixels, read_bytes, replacing
 from texsss.types import Float, Tensor
 
 SPACES = ("srgb", "linear")
@@ -21,6 +21,10 @@ CHANNELS = ("rgb", "rgba", "r", "g", "b", "a", "luminance")
 MAX_PIXELS = exr.MAX_PIXELS
 FORMATS = "PNG, JPEG, WebP, TIFF, OpenEXR or Radiance HDR"
 _PILLOW = ("PNG", "JPEG", "WEBP", "TIFF")
+_COLOURS = ("RGB", "RGBA", "RGBX", "CMYK", "LA")
+_TIFF = (b"II*\0", b"MM\0*")
+TIFFS = "a TIFF of 8-bit colours, or of grey with 8, 16 or float bits"
+RATHER = "save it as 16-bit PNG or as OpenEXR"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec.709
 
@@ -98,14 +102,12 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
             warnings.simplefilter("ignore")  # pillow warns of sizes that we refuse ourselves
             picture = Image.open(io.BytesIO(data), formats=_PILLOW)
             width, height = picture.size
-            if not 0 < width * height <= max_pixels:
-                raise TooLarge(
-                    f"{name}: expected at most {max_pixels} pixels, got {width} × {height}; scale it down.",
-                    max_pixels,
-                    width * height,
-                )
+            check_pixels(width, height, name, max_pixels)
             if _is_deep_png(data):
-                return _deep_png(data, height, width)
+                turn = picture.getexif().get(ExifTags.Base.Orientation, 1)
+                return _turned(_deep_png(data, height, width), turn)
+            if picture.format == "TIFF" and picture.mode in _COLOURS and _bits(picture) > 8:
+                raise AssetError(f"{name}: expected {TIFFS}, got {_bits(picture)}-bit colours; {RATHER}.")
             picture.load()
             return _array(ImageOps.exif_transpose(picture), name)
     except (AssetError, MemoryError):
@@ -117,6 +119,8 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
             2 * Image.MAX_IMAGE_PIXELS if Image.MAX_IMAGE_PIXELS else max_pixels + 1,
         ) from error
     except UnidentifiedImageError as error:
+        if data[:4] in _TIFF:
+            raise AssetError(f"{name}: expected {TIFFS}, got another kind or damage; {RATHER}.") from error
         raise AssetError(
             f"{name}: expected {FORMATS}, got something else or a damaged header; convert it."
         ) from error
@@ -125,6 +129,21 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
         raise AssetError(
             f"{name}: expected a whole image, got a damaged one ({error}); export it again."
         ) from error
+
+
+def _bits(picture: Image.Image) -> int:
+    """Bits of a channel of a TIFF, as it says."""
+    stated = getattr(picture, "tag_v2", {}).get(ExifTags.Base.BitsPerSample, 8)
+    return max(stated) if isinstance(stated, tuple) else int(stated)
+
+
+def _turned(image: np.ndarray, orientation: int) -> np.ndarray:
+    """An image as its EXIF orientation shows it. Source: Exif 2.32, tag 274."""
+    if orientation in (5, 6, 7, 8):
+        image = image.swapaxes(0, 1)
+    down = -1 if orientation in (3, 4, 7, 8) else 1
+    right = -1 if orientation in (2, 3, 6, 7) else 1
+    return np.ascontiguousarray(image[::down, ::right])
 
 
 def _array(picture: Image.Image, name: str) -> np.ndarray:

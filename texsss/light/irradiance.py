@@ -16,6 +16,8 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
+SHARING = 16  # sites that take each other's looks at the surroundings
+AREA_SAMPLES = 16
 RAYS = 1 << 17  # sites traced at a time
 
 
@@ -42,8 +44,8 @@ def irradiance_at(
     eta: float = 1.0,
     occluder: Occluder | None = None,
     environment_samples: int = 64,
-    area_samples: int = 16,
-    sharing: int = 16,
+    area_samples: int = AREA_SAMPLES,
+    sharing: int = SHARING,
     seed: int = 0,
     progress: Progress | None = None,
     cancel: Cancel | None = None,

@@ -37,7 +37,7 @@ def open_shares(
     if not len(sites):
         return [sites.position.new_ones(0, 1) for _ in surroundings]
     generator = torch.Generator().manual_seed(seed)
-    looks = 2 * -(-samples // (2 * sharing))  # half of them of one kind, half of another
+    looks = own_looks(samples, sharing)  # half of them of one kind, half of another
     steps = (SobolEngine(2, scramble=True, seed=seed).draw(looks) * POOL).long()
     sphere = _sphere(generator).to(sites.normal.device)
     shift = torch.randint(POOL, (len(sites), 2), dtype=torch.int32, generator=generator).to(sphere.device)
@@ -61,6 +61,11 @@ def open_shares(
         # the same looks with and without what hides: where nothing does their ratio is exactly 1
         shares.append(torch.where(whole > 0, seen / torch.where(whole > 0, whole, 1.0), 1.0))
     return [share.to(sites.position.dtype) for share in shares]
+
+
+def own_looks(samples: int, sharing: int) -> int:
+    """How many of `samples` looks, shared by `sharing` neighbours, a site takes itself: an even number."""
+    return 2 * -(-samples // (2 * sharing))
 
 
 class _View:

@@ -20,14 +20,20 @@ def mapped_normals(
     `image`: values 0..1 as stored (read as linear data), over the author's uv, tiled; .5 .5 1 is
     straight. `y_up`: green leans upwards in the texture (+Y, OpenGL), else downwards (-Y, DirectX).
     `strength` scales the slope. Tangents follow the author's uv per face, mirrored charts included.
-    Differentiable in image. Raises ShapeError: when the mesh has no uv.
+    Differentiable in image. Raises ShapeError: when the mesh has no uv, or the image not three channels.
     """
     if mesh.source_uv is None:
         raise ShapeError(
             f"normal map: expected texture coordinates, got none in {mesh.name}; unwrap the mesh."
         )
+    texture = Texture.of(image, "repeat")
+    if texture.planes.shape[1] < 3:
+        raise ShapeError(
+            f"normal map: expected red, green and blue, got {texture.planes.shape[1]} channel; set its "
+            "channel to rgb, and make a normal map of a height map first."
+        )
     tangent, bitangent, normal = points.frame(mesh, mesh.source_uv).unbind(-2)
-    x, y, z = (2 * Texture.of(image, "repeat").at(points.uv(mesh.source_uv))[:, :3] - 1).unbind(-1)
+    x, y, z = (2 * texture.at(points.uv(mesh.source_uv))[:, :3] - 1).unbind(-1)
     # v runs down, so does the bitangent
     down = -y if y_up else y
     bent = (strength * x)[:, None] * tangent + (strength * down)[:, None] * bitangent
