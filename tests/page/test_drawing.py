@@ -48,8 +48,8 @@ def test_orbit_on_the_default_object(visit, capsys):
     page.evaluate("Object.defineProperty(texsss.viewer.pace, 'share', { value: 1 })")
     quick = pixels(page, quickly=True)
     faces = page.evaluate("texsss.viewer.surface.quick.geometry.drawRange.count / 3")
-    assert 1000 < faces < 8000, "fewer, and those alone that face the eye"
-    assert abs(quick - whole).mean() < 3  # measured 1.4: outlines, and gloss by vertices
+    assert 1000 < faces < 5000, "fewer, and those alone that face the eye"
+    assert abs(quick - whole).mean() < 3  # measured 2.4: outlines, and gloss by vertices
 
 
 ORBIT = """() => new Promise((done) => {

@@ -1,13 +1,14 @@
-// A mesh of fewer faces for frames that must come soon: vertices inside charts go, those on seams and rims stay.
+// A mesh of fewer faces for frames that must come soon: vertices inside charts go, and those on seams along them.
 // Each vertex that goes falls onto a neighbour (half-edge collapse), chosen by quadrics (Garland, Heckbert 1997).
 
-import { grouped, type Shape } from "./shape";
+import { grouped, type Shape, welded } from "./shape";
 
 const FIRST = 2e-4; // of the size: how far the surface may move at first, [mm / mm]
-const LAST = 0.02; // and at last
+const LAST = 0.008; // and at last
 const STEP = 1.5;
 const EVEN = 0.02; // of an edge's length, added to what it costs: short ones go first
 const LEAST_TURN = 0.3; // cosine: faces may not turn farther in one collapse
+const ASTRAY = 0.004; // of the atlas: how far a seam may move there in one collapse, into the padding
 const Q = 11; // numbers of a quadric: ten of the symmetric matrix, and its weight
 
 /** The mesh with about `most` faces; `null` where it has hardly more. */
@@ -36,6 +37,8 @@ class Collapse {
   private readonly corners: Uint32Array; // of faces; a face that went has its first two corners alike
   private readonly around: number[][]; // faces at each vertex
   private readonly fixed: Uint8Array;
+  private readonly place: Uint32Array; // the first vertex at the same place
+  private readonly twin: Int32Array; // the one on the other side of a seam; -1: none, or more than one
   private readonly quadrics: Float64Array;
   private readonly size: number; // [mm]
   private faces = 0;
@@ -53,6 +56,8 @@ class Collapse {
       this.weigh(f);
       for (let k = 0; k < 3; k++) this.around[index[f + k]].push(f);
     }
+    this.place = welded(position);
+    this.twin = new Int32Array(count).fill(-1);
     this.fix();
     let [low, high] = [Infinity, -Infinity];
     for (const value of position) [low, high] = [Math.min(low, value), Math.max(high, value)];
@@ -68,12 +73,11 @@ class Collapse {
         touched.fill(0); // one collapse a neighbourhood: the next sees what became of it
         for (let u = 0; u < this.fixed.length && this.faces > most; u++) {
           if (this.fixed[u] || touched[u] || !this.around[u].length) continue;
-          const ring = this.ring(u);
-          const v = this.best(u, ring, limit);
-          if (v < 0) continue;
-          for (const one of ring) touched[one] = 1;
-          this.collapse(u, v);
-          again = true;
+          for (const [from, to] of this.twin[u] < 0 ? this.inside(u, limit) : this.along(u, limit)) {
+            for (const one of this.ring(from)) touched[one] = 1;
+            this.collapse(from, to);
+            again = true;
+          }
         }
       }
     }
@@ -112,19 +116,27 @@ class Collapse {
     return a === b || b === c || c === a;
   }
 
-  /** Vertices on seams and rims stay, and those where more than two faces meet. */
+  /** Vertices on rims stay, where seams end or branch, and where more than two faces meet; others on seams are paired. */
   private fix(): void {
-    const edges = new Map<number, number>();
-    const { corners, fixed } = this;
-    for (let f = 0; f < corners.length; f += 3) {
+    const { fixed, place, twin } = this;
+    const sides = new Map<number, number>();
+    for (let f = 0; f < this.corners.length; f += 3) {
       if (this.gone(f)) continue;
       for (let k = 0; k < 3; k++) {
-        const [a, b] = [corners[f + k], corners[f + ((k + 1) % 3)]];
+        const [a, b] = [this.corners[f + k], this.corners[f + ((k + 1) % 3)]];
         const key = Math.min(a, b) * fixed.length + Math.max(a, b);
-        edges.set(key, (edges.get(key) ?? 0) + 1);
+        sides.set(key, (sides.get(key) ?? 0) + 1);
       }
     }
-    for (const [key, sides] of edges) if (sides !== 2) fixed[key % fixed.length] = fixed[Math.floor(key / fixed.length)] = 1;
+    for (const [key, count] of sides)
+      if (count !== 2) for (const u of [key % fixed.length, Math.floor(key / fixed.length)]) fixed[u] = Math.max(fixed[u], count);
+    const there = new Map<number, number[]>();
+    for (let u = 0; u < place.length; u++) if (this.around[u].length) there.set(place[u], [...(there.get(place[u]) ?? []), u]);
+    for (const [u, t, more] of there.values()) {
+      if (t === undefined || more !== undefined || fixed[u] !== 1 || fixed[t] !== 1) continue;
+      [twin[u], twin[t]] = [t, u];
+      fixed[u] = fixed[t] = 0;
+    }
   }
 
   private weigh(f: number): void {
@@ -164,15 +176,42 @@ class Collapse {
     return ring;
   }
 
-  /** The neighbour onto which `u` falls most cheaply [mm²], below `limit`; -1: none. */
-  private best(u: number, ring: Set<number>, limit: number): number {
-    const found: [number, number][] = [];
-    for (const v of ring) {
-      const price = this.price(u, v);
-      if (price < limit) found.push([price, v]);
+  /** How a vertex inside a chart falls most cheaply [mm²], below `limit`; empty: not at all. */
+  private inside(u: number, limit: number): [number, number][] {
+    const ring = this.ring(u);
+    const priced = [...ring].map((v): [number, number] => [this.price(u, v), v]).filter(([price]) => price < limit);
+    priced.sort((a, b) => a[0] - b[0]);
+    const found = priced.find(([, v]) => this.allowed(u, v, 2));
+    return found ? [[u, found[1]]] : [];
+  }
+
+  /** How both sides of a seam fall along it, together, so that no gap opens. */
+  private along(u: number, limit: number): [number, number][] {
+    const t = this.twin[u];
+    const [near, far] = [this.rim(u), this.rim(t)];
+    if (near.length !== 2 || far.length !== 2) return [];
+    for (const v of near) {
+      const w = far.find((one) => this.place[one] === this.place[v]);
+      if (w === undefined || this.price(u, v) + this.price(t, w) > 2 * limit) continue;
+      const other = (pair: number[], one: number) => pair[pair[0] === one ? 1 : 0];
+      if (this.astray(u, v, other(near, v)) || this.astray(t, w, other(far, w))) continue;
+      if (this.allowed(u, v, 1) && this.allowed(t, w, 1)) return [[u, v], [t, w]];
     }
-    found.sort((a, b) => a[0] - b[0]);
-    return found.find(([, v]) => this.allowed(u, v, ring))?.[1] ?? -1;
+    return [];
+  }
+
+  /** Neighbours along the edge of a chart: one face holds both. */
+  private rim(u: number): number[] {
+    const counts = new Map<number, number>();
+    for (const f of this.around[u]) for (let k = 0; k < 3; k++) counts.set(this.corners[f + k], (counts.get(this.corners[f + k]) ?? 0) + 1);
+    return [...counts].filter(([v, count]) => v !== u && count === 1).map(([v]) => v);
+  }
+
+  /** Whether the atlas has u too far from the line between v and w, which takes its place. */
+  private astray(u: number, v: number, w: number): boolean {
+    const { atlas: a } = this.given;
+    const [x, y, dx, dy] = [a[2 * u] - a[2 * v], a[2 * u + 1] - a[2 * v + 1], a[2 * w] - a[2 * v], a[2 * w + 1] - a[2 * v + 1]];
+    return Math.abs(x * dy - y * dx) > ASTRAY * Math.hypot(dx, dy);
   }
 
   /** Mean square distance [mm²] of v from the planes around both, and a little of the edge. */
@@ -189,11 +228,12 @@ class Collapse {
     return Math.max(sum, 0) / Math.max(weight, 1e-30) + EVEN ** 2 * length;
   }
 
-  /** Whether the surface stays one, and no face turns over, in space or in its maps. */
-  private allowed(u: number, v: number, ring: Set<number>): boolean {
+  /** Whether the surface stays one, `faces` of which the edge joins, and none turns over, in space or in its maps. */
+  private allowed(u: number, v: number, faces: number): boolean {
+    const ring = this.ring(u);
     let shared = 0;
     for (const one of this.ring(v)) if (ring.has(one)) shared++;
-    if (shared !== 2) return false;
+    if (shared !== faces) return false;
     const { atlas, source } = this.given;
     return this.around[u].every((f) => {
       if ([0, 1, 2].some((k) => this.corners[f + k] === v)) return true;

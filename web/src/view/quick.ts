@@ -5,7 +5,7 @@ import { BufferAttribute, BufferGeometry, DynamicDrawUsage, type Vector3 } from 
 import type { Leaned } from "./lean.worker";
 import type { Shape } from "./shape";
 
-const MOST_FACES = 5_000;
+const MOST_FACES = 6_000;
 
 const plain = (geometry: BufferGeometry): Shape => {
   const values = (name: string) => geometry.getAttribute(name).array as Float32Array;
