@@ -165,6 +165,33 @@ def test_large_panoramas_lose_no_light(height):
     torch.testing.assert_close(light.unoccluded(1.0)(normal), torch.full((9, 3), math.pi), rtol=2e-3, atol=0)
 
 
+def test_shadows_of_a_sun_are_even():
+    """Behind a wall a floor sees half of the sky, evenly: that the sun is hidden adds no noise."""
+    wall = square(1e4).moved(square(1e4).vertices[:, [2, 1, 0]] - torch.tensor([20.0, 0, -5e3]))
+    mesh = together(square(10.0), wall)
+    points = scatter(mesh, 1000, faces=slice(0, 2))
+    height = 128
+    towards = direction(centres(height, 2 * height)).float()
+    sun = (towards @ unit(torch.tensor([-1.0, 0, 1])) > math.cos(math.radians(2))).float()
+    image = (1 + 1000 * sun)[:, None].expand(-1, 3).reshape(height, 2 * height, 3).contiguous()
+    plain, lit = (
+        irradiance(points, mesh, [ImageEnvironment(sky)], occluder=Occluder(mesh))[:, 0]
+        for sky in (torch.ones_like(image), image)
+    )
+    assert float(lit.mean()) == pytest.approx(float(plain.mean()), rel=0.03)
+    assert float(lit.std() / lit.mean()) < 2 * float(plain.std() / plain.mean())
+    free = irradiance(points, mesh, [ImageEnvironment(image)])[:, 0]
+    assert float(free.mean()) > 1.5 * float(lit.mean())
+
+
+def test_parts_are_the_whole():
+    light = ImageEnvironment(sunny(45))
+    assert len(light.parts) == 2
+    normal = unit(torch.randn(20, 3, generator=torch.Generator().manual_seed(1)))
+    together = sum(part.unoccluded(1.4)(normal) for part in light.parts)
+    torch.testing.assert_close(together, light.unoccluded(1.4)(normal), rtol=0.03, atol=2e-2)
+
+
 def test_sharing_lowers_noise_and_keeps_the_mean():
     mesh = together(square(100.0), square(100.0).moved(square(100.0).vertices[:, [2, 1, 0]] * -1))
     points = scatter(mesh, 4000, faces=slice(0, 2))

@@ -71,6 +71,14 @@ class Environment(Light, Protocol):
         ...
 
     @property
+    def parts(self) -> "tuple[Environment, ...]":
+        """Lights that are this one together, each of about one brightness where it is bright.
+
+        What hides a sun is told for itself: else a shadow of it would be as noisy as its looks are few.
+        """
+        ...
+
+    @property
     def spots(self) -> Spots | None:
         """What is far brighter than the rest; None where nothing is."""
         ...
@@ -201,6 +209,11 @@ class ConstantEnvironment:
 
     def __post_init__(self):
         triple(self, "radiance", least=0.0)
+
+    @property
+    def parts(self) -> "tuple[ConstantEnvironment, ...]":
+        """See `Environment.parts`: itself."""
+        return (self,)
 
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -20,8 +20,9 @@ from texsss.light.panorama import (
     solid_angle,
     turned,
 )
-from texsss.light.spots import spots_of
+from texsss.light.spots import brightest_of_the_rest, spots_of
 from texsss.media import fresnel
+from texsss.numerics.sampling import Texture
 from texsss.types import Float, Int, Tensor, unit
 
 _WIDEST = 1024  # texels that samples are chosen from; larger panoramas are averaged down
@@ -65,7 +66,8 @@ class ImageEnvironment:
 
     def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
         """See `Environment.radiance_from`. Bilinear, seamless at the back. Differentiable in image."""
-        return self.intensity * looked_up(self.image.to(direction), place(turned(direction, -self.rotation)))
+        image = self.image if self.image.requires_grad else self._texture
+        return self.intensity * looked_up(image, place(turned(direction, -self.rotation))).to(direction)
 
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
@@ -129,6 +131,21 @@ class ImageEnvironment:
     def spots(self) -> Spots | None:
         """See `Environment.spots`: what is above four times the mean radiance."""
         return spots_of(self.image, self.intensity, self.rotation)
+
+    @cached_property
+    def parts(self) -> tuple["ImageEnvironment", ...]:
+        """See `Environment.parts`: the spots and the rest."""
+        power = self._power
+        radiance = power / solid_angle(*power.shape[:2])[:, None, None]
+        level = brightest_of_the_rest(power.mean(-1))
+        if level is None:
+            return (self,)
+        rest = radiance * (level / radiance.mean(-1, keepdim=True).clamp_min(1e-30)).clamp_max(1)
+        return tuple(replace(self, image=part.float()) for part in (rest, radiance - rest))
+
+    @cached_property
+    def _texture(self) -> Texture:
+        return Texture.of(self.image.detach(), "repeat")
 
     @cached_property
     def _power(self) -> Float[Tensor, "h w 3"]:

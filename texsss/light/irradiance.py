@@ -66,7 +66,7 @@ def irradiance_at(
             f"{environment_samples}, {area_samples} and {sharing}."
         )
     generator = torch.Generator().manual_seed(seed)
-    surroundings = [light for light in lights if isinstance(light, Environment)]
+    surroundings = [part for light in lights if isinstance(light, Environment) for part in light.parts]
     nearby = [light for light in lights if not isinstance(light, Environment)]
     parts, rows = [], chunks(len(sites), RAYS)
     for k, row in enumerate(rows):

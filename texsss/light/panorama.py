@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
-from texsss.numerics.sampling import bilinear
+from texsss.numerics.sampling import Texture
 from texsss.types import Float, Int, Tensor
 
 _UNIFORM = 0.05  # share of the mean brightness added everywhere, so that nothing is never drawn
@@ -85,10 +85,11 @@ def turned(direction: Float[Tensor, "P 3"], angle: float) -> Float[Tensor, "P 3"
     return torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], -1)
 
 
-def looked_up(image: Float[Tensor, "H W C"], uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
-    """Bilinear; columns go round, rows end at the poles."""
-    half = 0.5 / image.shape[0]
-    return bilinear(image, torch.stack([uv[:, 0], uv[:, 1].clamp(half, 1 - half)], -1), "repeat")
+def looked_up(image: Float[Tensor, "H W C"] | Texture, uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
+    """Bilinear; columns go round, rows end at the poles. A `Texture` that repeats spares its making."""
+    texture = Texture.of(image, "repeat")
+    half = 0.5 / (texture.planes.shape[2] - 2)
+    return texture.at(torch.stack([uv[:, 0], uv[:, 1].clamp(half, 1 - half)], -1))
 
 
 def centres(height: int, width: int) -> Float[Tensor, "P 2"]:

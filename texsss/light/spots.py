@@ -6,11 +6,23 @@ import torch
 
 from texsss.light.emitters import Spots
 from texsss.light.panorama import direction, gathered, looked_up, place, solid_angle, turned
+from texsss.numerics.sampling import Texture
 from texsss.types import Float, Tensor
 
 _WIDEST = 4096  # texels that spots are looked for in; larger panoramas are averaged down
 _BRIGHT = 4.0  # times the mean radiance: what is brighter belongs to the spots
 _LEAST = 0.01  # share of the light that they must have to be looked for
+
+
+def brightest_of_the_rest(power: Float[Tensor, "h w"]) -> float | None:
+    """Radiance above which light belongs to the spots; None where those have little of it.
+
+    `power`: radiance × solid angle.
+    """
+    whole = float(power.sum(dtype=torch.float64))
+    level = _BRIGHT * whole / (4 * math.pi)
+    excess = (power - level * solid_angle(*power.shape).to(power)[:, None]).clamp_min(0)
+    return level if float(excess.sum(dtype=torch.float64)) > _LEAST * whole else None
 
 
 def spots_of(image: Float[Tensor, "H W 3"], intensity: float, rotation: float) -> Spots | None:
@@ -23,15 +35,15 @@ def spots_of(image: Float[Tensor, "H W 3"], intensity: float, rotation: float) -
     power = gathered(grey * angle, _WIDEST)[..., 0]
     height, width = power.shape
     angle = solid_angle(height, width).to(power)[:, None]
-    whole = float(power.sum(dtype=torch.float64))
-    level = _BRIGHT * whole / (4 * math.pi)
-    share = (power - level * angle).clamp_min(0)
-    excess = float(share.sum(dtype=torch.float64))
-    if not excess > _LEAST * whole:
+    level = brightest_of_the_rest(power)
+    if level is None:
         return None
-    share = share / excess
+    share = (power - level * angle).clamp_min(0)
+    share = share / share.sum(dtype=torch.float64).float()
     bright = (share.reshape(-1) > 0).nonzero()[:, 0]
     upto = share.reshape(-1)[bright].double().cumsum(0)
+
+    texture = Texture.of(share[..., None], "repeat")
 
     def drawn(square: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
         u, v = square.double().unbind(-1)
@@ -49,7 +61,7 @@ def spots_of(image: Float[Tensor, "H W 3"], intensity: float, rotation: float) -
         part = (1 - intensity * level / grey.clamp_min(1e-30)).clamp_min(0)
         uv = place(turned(towards.detach(), -rotation))
         # a texel and an offset from its centre, as a tent: the density is what lies between texels, too
-        density = looked_up(share[..., None].to(uv), uv)[:, 0] * (height * width)
+        density = looked_up(texture, uv)[:, 0].to(uv) * (height * width)
         sine = torch.sin(math.pi * uv[:, 1]).clamp_min(1e-4)
         return radiance * part[:, None], density / (2 * math.pi**2 * sine)
 
