@@ -26,7 +26,7 @@ def affordable(
     sized texels, what building takes included.
     """
     texel = fine_texel(texels)
-    left = budget_bytes / (ENTRY_BYTES * max(len(texels), 1))
+    left = budget_bytes / (ENTRY_BYTES * max(texels.covered_count, 1))
     kept, making = 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():

@@ -4,6 +4,7 @@ Texture space is only storage here: every Gaussian is a kernel over the 3-D dist
 ones are made from texel to texel, each from the one before. Of the others, light × area is summed up on
 lattices in space, where a Gaussian is three short convolutions; on lattices ever coarser, each filled from
 the one before, as variances add in space. What comes back is divided by what comes back of area alone.
+The gutter has no area: it gets what the surface has at its place.
 Source: the sums of Greengard & Strain 1991 (fast Gauss transform), by lattices as of Adams et al. 2009.
 """
 
@@ -13,25 +14,24 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from scipy.spatial import KDTree
 
 from texsss.errors import DomainError
 from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
+from texsss.transport.gutter import gutter_means
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
 from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.transport.smoothing import smoothing
-from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
+from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 LATTICE_FROM = 1.6  # texels; standard deviation from which Gaussians go over lattices
 AT_ONCE = 1.1  # texels; widest exchange between texels: several small ones take less room than a large one
 AROUND = 2.9  # texels; that those exchanges reach
-GUTTER_TRACE = 1e-6  # a gutter texel's weight: it receives and sends nothing to speak of
+TRACE = 1e-6  # of a texel: the weight of one on a face without area
 EDGES = 1.2, 2.0  # of a lattice per standard deviation, the least and the most
 COST = 0.6  # edges per standard deviation where that is a texel; more where lattices are small
 APART = 1.25  # edges of lattices, at the least
-LEAST = 1e-12  # of a texel: what must lie within reach for a mean to be taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,26 +64,25 @@ class Operators:
     """Surface diffusion for one geometry, atlas size and ladder.
 
     `variances` (K,) [mm²], in the order asked for. Results are numbered: 0 is the lightmap, then one per
-    step, then those of all `levels`. `result` (K,): the number that each variance has. `area` (P,) [mm²]:
-    of the texels. `total` (W, P): what comes back of it over the levels, for each of their Gaussians.
-    `lost`, `found` (W lists): texels that it does not reach from any area, and the nearest that have some.
+    step, then those of all `levels`. `result` (K,): the number that each variance has. `area` (L,) [mm²]:
+    of the texels that the surface covers, which come first. `total` (W, L): what comes back of it over the
+    levels, for each of their Gaussians. `gutter` (P - L, L): what the other texels make of these.
     """
 
     variances: Float[Tensor, " K"]
     result: tuple[int, ...]
     steps: tuple[Step, ...]
     levels: tuple[Level, ...]
-    area: Float[Tensor, " P"]
-    total: Float[Tensor, "W P"]
-    lost: tuple[Int[Tensor, " _"], ...]
-    found: tuple[Int[Tensor, " _"], ...]
+    area: Float[Tensor, " L"]
+    total: Float[Tensor, "W L"]
+    gutter: Sparse
 
     @property
     def matrices(self) -> list[Sparse]:
         """All of them; those of steps need no transpose."""
         passes = [m for level in self.levels for b in level.blurs for m in b.along]
         ways = [m for level in self.levels for m in (level.up, level.down)]
-        return [*(step.kernel for step in self.steps), *passes, *ways]
+        return [*(step.kernel for step in self.steps), *passes, *ways, self.gutter]
 
     @property
     def count(self) -> int:
@@ -117,10 +116,16 @@ class Operators:
             levels.append(replace(level, variances=variances, blurs=blurs))
             used = len(levels) if own else used
         wide = [number - first for number in kept if number >= first]
-        lost, found = (tuple(of[k] for k in wide) for of in (self.lost, self.found))
         result = tuple(place[self.result[k]] for k in chosen)
         variances, total = self.variances[list(chosen)], self.total[wide]
-        return Operators(variances, result, tuple(steps), tuple(levels[:used]), self.area, total, lost, found)
+        return replace(
+            self,
+            variances=variances,
+            result=result,
+            steps=tuple(steps),
+            levels=tuple(levels[:used]),
+            total=total,
+        )
 
     def applied(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "K P C"]:
         """`values` convolved with every Gaussian, in the order of `variances`. Differentiable in `values`."""
@@ -133,7 +138,7 @@ class _Applied(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, operators: Operators) -> Tensor:
         ctx.operators = operators
-        channels = values.shape[1]
+        covered, channels = len(operators.area), values.shape[1]
         copies = values.new_empty(len(operators.result), *values.shape)
         place = {number: k for k, number in reversed(list(enumerate(operators.result)))}
 
@@ -141,19 +146,21 @@ class _Applied(torch.autograd.Function):
             if number not in place:
                 return
             copy = copies[place[number]]
-            copy.copy_(result) if total is None else torch.div(result, total[:, None], out=copy)
+            own = copy[:covered]
+            own.copy_(result) if total is None else torch.div(result, total[:, None], out=own)
+            copy[covered:] = operators.gutter.times(own)
 
-        put(0, values)
-        made = [values]
+        made = [values[:covered]]
+        if 0 in place:
+            copies[place[0]] = values
         for number, step in enumerate(operators.steps, 1):
             made.append(step.of(made[step.source]))
             put(number, made[-1])
         first = 1 + len(operators.steps)
         if operators.levels:
-            sums = over(operators.levels, values * operators.area[:, None].to(values))
+            sums = over(operators.levels, made[0] * operators.area[:, None].to(values))
             for k, x in enumerate(sums.split(channels, 1)):
                 put(first + k, x, operators.total[k].to(values))
-                copies[place[first + k], operators.lost[k]] = values[operators.found[k]]
         for k, number in enumerate(operators.result):
             if place[number] != k:
                 copies[k] = copies[place[number]]
@@ -163,21 +170,22 @@ class _Applied(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
         operators: Operators = ctx.operators
         (grad,) = grads
-        sent = [grad.new_zeros(grad.shape[1:]) for _ in range(1 + operators.count)]
+        covered, channels = len(operators.area), grad.shape[2]
+        result = torch.zeros_like(grad[0])
+        sent = [grad.new_zeros(covered, channels) for _ in range(1 + operators.count)]
         for k, number in enumerate(operators.result):
-            sent[number] = sent[number] + grad[k]
+            if number == 0:
+                result += grad[k]
+            else:
+                sent[number] += grad[k, :covered] + operators.gutter.transpose.times(grad[k, covered:])
         first = 1 + len(operators.steps)
         for number, step in reversed(list(enumerate(operators.steps, 1))):
-            sent[step.source] = sent[step.source] + step.back(sent[number])
-        result = sent[0]
+            sent[step.source] += step.back(sent[number])
+        result[:covered] += sent[0]
         if operators.levels:
-            wide = []
-            for k, own in enumerate(sent[first:]):
-                mean = (own / operators.total[k, :, None].to(own)).index_fill(0, operators.lost[k], 0)
-                result = result.index_add(0, operators.found[k], own[operators.lost[k]])
-                wide.append(mean)
+            wide = [own / total[:, None].to(own) for own, total in zip(sent[first:], operators.total)]
             back = over_transposed(operators.levels, torch.cat(wide, 1))
-            result = result + back * operators.area[:, None].to(back)
+            result[:covered] += back * operators.area[:, None].to(back)
         return result, None
 
 
@@ -190,9 +198,9 @@ def surface_operators(
 ) -> Operators:
     """The operators that convolve values at the texels with the unit Gaussian of every variance [mm²].
 
-    Distances are straight lines in 3-D, so light crosses seams and thin parts. Gutter texels receive
-    and do not emit. Constants stay; Σ M dA is kept but for some .1 %. Variances far below a texel² are
-    the identity.
+    Distances are straight lines in 3-D, so light crosses seams and thin parts. Gutter texels have no area:
+    they get what the surface has at their place. Constants stay; Σ M dA is kept but for some .1 %.
+    Variances far below a texel² are the identity.
     Raises DomainError: when a variance is negative or not finite; Cancelled.
     """
     if not bool((torch.isfinite(variances) & (variances >= 0)).all()):
@@ -230,9 +238,12 @@ class _Builder:
     def __init__(self, texels: TexelMaps, count: int, progress: Progress | None, cancel: Cancel | None):
         self.count, self.done, self.progress, self.cancel = count, 0, progress, cancel
         place = texels.points.position(texels.mesh).detach()
-        self.place = place - place.mean(0)
-        self.area = texels.area.detach().to(self.place)
+        place, covered = place - place.mean(0), texels.covered_count
+        self.place, self.outside = place[:covered], place[covered:]
         self.typical = fine_texel(texels)
+        own = texels.area[:covered].detach().to(place)
+        self.edge = torch.where(own > 0, own.sqrt(), self.typical)
+        self.area = own.clamp_min(TRACE * self.typical**2)
         self.steps: list[Step] = []
         self.levels: list[Level] = []
         self.around: Neighbourhood | None = None
@@ -247,9 +258,6 @@ class _Builder:
 
     def add_step(self, variance: float) -> None:
         """Add the Gaussian of `variance` [mm²], wider than all before, between texels."""
-        lit = self.area > 0
-        area = torch.where(lit, self.area, GUTTER_TRACE * self.typical**2)
-        edge = torch.where(lit, self.area.sqrt(), self.typical)
         once = (AT_ONCE * self.typical) ** 2
         # each from the lightmap itself as long as that reaches: results of results gather errors
         source = 0 if variance <= once else len(self.steps)
@@ -257,7 +265,7 @@ class _Builder:
         times = math.ceil(added / once)
         if self.around is None:
             self.around = neighbourhood(self.place, AROUND * self.typical, self.cancel)
-        kernel = smoothing(self.around, area, edge, added / times, self.cancel)
+        kernel = smoothing(self.around, self.area, self.edge, added / times, self.cancel)
         self.steps.append(Step(variance, source, kernel, times))
         self.tell()
 
@@ -281,21 +289,7 @@ class _Builder:
         """All of it."""
         levels = tuple(self.levels)
         total = self.area.new_empty(0, len(self.area))
-        lost: list[Tensor] = []
-        found: list[Tensor] = []
         if levels:
             total = over(levels, self.area[:, None]).T.contiguous()
-            out = total <= LEAST * self.typical**2
-            lost = [torch.nonzero(row)[:, 0] for row in out]
-            found = [self._nearest_lit(row) for row in lost]
-            total[out] = 1
-        return Operators(
-            variances, result, tuple(self.steps), levels, self.area, total, tuple(lost), tuple(found)
-        )
-
-    def _nearest_lit(self, of: Int[Tensor, " L"]) -> Int[Tensor, " L"]:
-        lit = torch.nonzero(self.area > 0)[:, 0]
-        if not len(of) or not len(lit):
-            return of
-        tree = KDTree(self.place[lit].cpu().numpy())
-        return lit[torch.from_numpy(tree.query(self.place[of].cpu().numpy())[1]).to(of)]
+        gutter = gutter_means(self.place, self.outside, self.cancel)
+        return Operators(variances, result, tuple(self.steps), levels, self.area, total, gutter)
