@@ -12,7 +12,7 @@ from texsss.light.smoothing import neighbours_mean
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.numerics.threads import in_threads
-from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
+from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 SITES = 1 << 14  # at a time: what the cache of a core holds
 
@@ -95,12 +95,16 @@ class _View:
             cosine = dot(self.normal, direction)
             entering = brought * fresnel.transmittance(cosine, self.eta)[:, None]
             whole = whole + entering
-            seen = seen + self._unhidden(direction, cosine)[:, None] * entering
+            # spots leave most looks around them without any light, which need no ray
+            shines = entering.amax(1) > 0
+            seen = seen + self._unhidden(direction, cosine, shines)[:, None] * entering
         return torch.cat([seen, whole], 1)
 
-    def _unhidden(self, direction: Float[Tensor, "P 3"], cosine: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
-        """1 where the sky is open along `direction`, 0 where something is in the way."""
-        above = cosine > 0
+    def _unhidden(
+        self, direction: Float[Tensor, "P 3"], cosine: Float[Tensor, " P"], shines: Bool[Tensor, " P"]
+    ) -> Float[Tensor, " P"]:
+        """1 where the sky is open along `direction`, 0 where something is in the way or nothing `shines`."""
+        above = (cosine > 0) & shines
         if self.bumped:
             above = above & (dot(self.smooth, direction) > 0)  # bumps must not lift the horizon
         if self.starts is None:
