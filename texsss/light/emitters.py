@@ -79,6 +79,11 @@ class Environment(Light, Protocol):
         ...
 
     @property
+    def looks(self) -> tuple[bool, ...]:
+        """The kinds of looks that are taken, as many of each; see `look`."""
+        ...
+
+    @property
     def spots(self) -> Spots | None:
         """What is far brighter than the rest; None where nothing is."""
         ...
@@ -96,7 +101,7 @@ class Environment(Light, Protocol):
     ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P C"]]:
         """Directions to look in, and what comes from there in proportion to radiance × cosine / density.
 
-        `bright`: whether to look where light comes from or all around; as many looks are of either kind.
+        `bright`: whether to look where light comes from or all around. The density is that of all `looks`.
         `cell`: which of POOL² parts of a square, or of the `sphere`'s unit directions, to draw from. C is
         1 where all channels are alike, else 3. Without gradients.
         """
@@ -205,6 +210,7 @@ class ConstantEnvironment:
 
     radiance: Triple
     is_delta = False
+    looks = (True, False)
     spots = None
 
     def __post_init__(self):

@@ -38,7 +38,8 @@ class ImageEnvironment:
 
     Equirectangular: rows from straight up to straight down; the centre lies at -z, what the default
     camera looks at behind the object, and columns run rightwards from there to +x. `rotation`
-    [radians] turns it about +y, counter-clockwise seen from above. `name` stands for it in messages.
+    [radians] turns it about +y, counter-clockwise seen from above. `name` stands for it in messages,
+    `looks` are the kinds of looks that its shadows take, see `Environment.look`.
     Raises DomainError: when radiance or intensity is negative or not finite, or there is too much light.
     """
 
@@ -46,6 +47,7 @@ class ImageEnvironment:
     rotation: float = 0.0
     intensity: float = 1.0
     name: str = "ImageEnvironment"
+    looks: tuple[bool, ...] = (True, False)
     is_delta = False
 
     def __post_init__(self):
@@ -97,7 +99,7 @@ class ImageEnvironment:
     ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
         """See `Environment.look`; bright looks follow the panorama's brightness, others the cosine.
 
-        Each is weighted by both densities together, as in `sample`.
+        Each is weighted by the densities of both kinds together, as in `sample`, if both are taken.
         """
         if not bright:
             direction, cosine = tilted(normal, sphere.index_select(0, cell))
@@ -107,7 +109,9 @@ class ImageEnvironment:
             drawn = self._pool.to(normal).index_select(0, cell)
             direction, radiance, density = drawn[:, :3], drawn[:, 3:6], drawn[:, 6]
             cosine = (normal * direction).sum(-1).clamp_min(0)
-        return direction, radiance * (cosine / (density + cosine / math.pi).clamp_min(1e-12))[:, None]
+        around = cosine / math.pi
+        chance = density + around if len(self.looks) == 2 else density if self.looks[0] else around
+        return direction, radiance * (cosine / chance.clamp_min(1e-12))[:, None]
 
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """See `Environment.unoccluded`: summed for normals on a cube, bilinear between them."""
@@ -134,14 +138,15 @@ class ImageEnvironment:
 
     @cached_property
     def parts(self) -> tuple["ImageEnvironment", ...]:
-        """See `Environment.parts`: the spots and the rest."""
+        """See `Environment.parts`: the rest, which is looked for all around, and the spots where they are."""
         power = self._power
         radiance = power / solid_angle(*power.shape[:2])[:, None, None]
         level = brightest_of_the_rest(power.mean(-1))
         if level is None:
             return (self,)
         rest = radiance * (level / radiance.mean(-1, keepdim=True).clamp_min(1e-30)).clamp_max(1)
-        return tuple(replace(self, image=part.float()) for part in (rest, radiance - rest))
+        spots = replace(self, image=(radiance - rest).float(), looks=(True,))
+        return replace(self, image=rest.float(), looks=(False,)), spots
 
     @cached_property
     def _texture(self) -> Texture:

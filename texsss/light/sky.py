@@ -89,9 +89,11 @@ class _View:
         `shift`, `steps`: of the sites and of the looks on a torus of POOL² cells.
         """
         seen = whole = self.normal.new_zeros(())
-        for number, step in enumerate(steps.tolist()):
+        of_each = len(steps) // 2  # a part of a light takes looks of one kind, and half as many
+        for number, step in enumerate(steps[: of_each * len(light.looks)].tolist()):
             row, column = (shift + shift.new_tensor(step)).remainder_(POOL).unbind(1)
-            direction, brought = light.look(2 * number < len(steps), row * POOL + column, sphere, self.normal)
+            bright = light.looks[number // of_each]
+            direction, brought = light.look(bright, row * POOL + column, sphere, self.normal)
             cosine = dot(self.normal, direction)
             entering = brought * fresnel.transmittance(cosine, self.eta)[:, None]
             whole = whole + entering
