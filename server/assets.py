@@ -112,10 +112,13 @@ class Store:
                 self.path(digest)  # used just now
                 return known, False
             asset = await self._examined(digest, NAME.sub("_", Path(name).name)[-100:], Path(temporary))
+            if (twin := self.get(digest)) is not None and twin.kind == asset.kind:
+                return twin, False  # it arrived twice at once
             self._make_room(asset.bytes)
-            self.remove(digest)
             self._describe(asset)  # a description without its file is no asset yet
             os.replace(temporary, self._file(asset))
+            if twin is not None and self._file(twin) != self._file(asset):
+                self._file(twin).unlink(missing_ok=True)
             return asset, True
         finally:
             Path(temporary).unlink(missing_ok=True)

@@ -120,11 +120,13 @@ class Service:
         drafts_of: str | None = None,
     ) -> Response:
         """The answer of `call` under the ETag `tag`; a job of a `kind` if the client prefers that."""
-        if matches(request.headers.get("if-none-match"), tag):
-            return Response(status_code=304, headers=_caching(tag))
-        known = self.answers.get(tag)
-        if known is not None:
+        is_known = matches(request.headers.get("if-none-match"), tag)
+        known = None if is_known else self.answers.get(tag)
+        if is_known or known is not None:
             self.worker.supersede(drafts_of)
+        if is_known:
+            return Response(status_code=304, headers=_caching(tag))
+        if known is not None:
             self.metrics.hits.inc()
             return success(known, _caching(tag))
         call = _told(call, getattr(request.state, "sent", None))
@@ -159,6 +161,8 @@ class Service:
         if job.problem is not None:
             self.jobs.remove(job)
             raise job.problem
+        if job.answer is None and job.turn.reason == "stopping":
+            raise job.turn.problem()
         return job
 
 

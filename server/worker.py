@@ -69,7 +69,7 @@ class Worker:
     @property
     def busy(self) -> bool:
         """Whether anything runs or waits."""
-        return bool(self.running or self.waiting)
+        return self._thread.is_alive() and bool(self.running or self.waiting)
 
     async def run(self, call: Call, turn: Turn) -> Any:
         """What `call` gives. Raises Problem: when the queue is full, or `turn` stopped."""
@@ -184,13 +184,14 @@ class Worker:
         with self._wake:
             queues = [self._queues[patience] for patience in (JOB, PREVIEW, BACKGROUND) if patience < below]
             task = next((queue.popleft() for queue in queues if queue), None)
+            if task is not None:
+                self._running.append(task)  # at once: it is never in neither list
         if task is not None:
             self._do(task)
         return task is not None
 
     def _do(self, task: Task) -> None:
         self._loop.call_soon_threadsafe(task.places.release)
-        self._running.append(task)
         try:
             task.turn.begin()
             if task.turn.stopped():

@@ -52,7 +52,7 @@ def estimate(run: Run) -> Estimate:
     (mesh, _), scene = run.mesh.value, run.scene
     size, terms = scene.atlas.texels, scene.methods.terms
     unwraps = scene.atlas.uv in ("xatlas", "fallback") or (
-        scene.atlas.uv == "auto" and not serves(mesh, size)
+        scene.atlas.uv == "auto" and not serves(mesh, scene.atlas.size)
     )
     if scene.atlas.uv == "source":
         make_atlas(mesh, "source", size=scene.atlas.size)

@@ -117,13 +117,32 @@ def test_the_gutter_has_what_the_surface_has_there():
     texels = ball(48)
     place = texels.points.position(texels.mesh)
     covered = texels.covered_count
-    means = gutter_means(place[:covered], place[covered:])
+    means = gutter_means(place, texels.points.normal(texels.mesh), covered)
     found, there = means.times(place[:covered]), place[covered:]
     assert len(there) > 300
     away = torch.linalg.vector_norm(found - there, dim=1) / texels.texel_mm
     assert float(away.median()) < 0.2 and float(away.quantile(0.95)) < 0.4  # it runs straight, off the ball
     torch.testing.assert_close(means.times(torch.ones(covered, 1)), torch.ones(len(there), 1))
     assert float(means.value.min()) > -0.25  # steep light does not swing over
+
+
+@pytest.mark.parametrize("thickness", [1.0, 2.0])
+def test_the_gutter_of_a_thin_plate_stays_on_its_side(thickness: float):
+    """Light on the front alone, as narrow as nothing: the front's gutter has it, the back's hasn't."""
+    size = 32
+    texel = 100 / (0.4 * size)  # of two squares side by side in uv
+    depth = thickness * texel
+    corners = torch.tensor([[0.0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]])
+    vertices = torch.cat([corners, corners - torch.tensor([0, 0, depth])])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]])
+    square = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]]) * 0.4 + 0.05
+    uv = torch.cat([square, square + torch.tensor([0.5, 0.0])])[faces]
+    texels = rasterise(Mesh(vertices, faces), uv, (size, size))
+    front = (texels.points.face < 2)[:, None].float()
+    spread = surface_operators(texels, torch.tensor([(0.2 * texel) ** 2])).applied(front)[0]
+    gutter = ~texels.covered
+    assert int(gutter.sum()) > 50
+    torch.testing.assert_close(spread[gutter], front[gutter], rtol=0, atol=0.05)
 
 
 @pytest.mark.parametrize("chosen", [*([k] for k in range(len(LADDER))), [2, 1], []])

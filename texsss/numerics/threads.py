@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from functools import partial
 from typing import Any
 
 import torch
@@ -29,7 +28,7 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel 
         with torch.no_grad():  # a mode of the thread
             return work(item)
 
-    pool = ThreadPoolExecutor(max(min(threads, len(items)), 1), initializer=partial(torch.set_num_threads, 1))
+    pool = ThreadPoolExecutor(max(min(threads, len(items)), 1), initializer=_alone)
     try:
         futures = [pool.submit(detached, item) for item in items]
         while cancel is not None and wait(futures, ASK_S, FIRST_EXCEPTION).not_done:
@@ -45,3 +44,9 @@ def in_threads(work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel 
 def _asked(work: Callable[[Any], Any], item: Any, cancel: Cancel | None) -> Any:
     check_cancelled(cancel)
     return work(item)
+
+
+def _alone() -> None:
+    """One thread for each of ours; asked back, so that torch settles it here and now."""
+    torch.set_num_threads(1)
+    torch.get_num_threads()

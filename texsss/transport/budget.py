@@ -5,6 +5,7 @@ import math
 import torch
 
 from texsss.surface.points import TexelMaps
+from texsss.transport.gutter import BYTES as gutter_bytes
 from texsss.transport.operators import AROUND, AT_ONCE, LATTICE_FROM, edge_for, fine_texel
 from texsss.transport.smoothing import REACH
 from texsss.types import Bool, Float, Tensor
@@ -26,7 +27,8 @@ def affordable(
     sized texels, what building takes included.
     """
     texel = fine_texel(texels)
-    left = budget_bytes / (ENTRY_BYTES * max(texels.covered_count, 1))
+    gutter = (len(texels) - texels.covered_count) * gutter_bytes
+    left = (budget_bytes - gutter) / (ENTRY_BYTES * max(texels.covered_count, 1))
     kept, making = 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():

@@ -239,7 +239,11 @@ class _Builder:
         self.count, self.done, self.progress, self.cancel = count, 0, progress, cancel
         place = texels.points.position(texels.mesh).detach()
         place, covered = place - place.mean(0), texels.covered_count
-        self.place, self.outside = place[:covered], place[covered:]
+        self.places, self.normal, self.place = (
+            place,
+            texels.points.normal(texels.mesh).detach(),
+            place[:covered],
+        )
         self.typical = fine_texel(texels)
         own = texels.area[:covered].detach().to(place)
         self.edge = torch.where(own > 0, own.sqrt(), self.typical)
@@ -291,5 +295,5 @@ class _Builder:
         total = self.area.new_empty(0, len(self.area))
         if levels:
             total = over(levels, self.area[:, None]).T.contiguous()
-        gutter = gutter_means(self.place, self.outside, self.cancel)
+        gutter = gutter_means(self.places, self.normal, len(self.place), self.cancel)
         return Operators(variances, result, tuple(self.steps), levels, self.area, total, gutter)
