@@ -1,5 +1,7 @@
 """What people do: sliders, undo, links, comparisons, files; and that the camera stays meanwhile."""
 
+import time
+
 import numpy as np
 import pytest
 from paging import METHODS, drop, pixels, pose, settle, state
@@ -168,10 +170,14 @@ def test_long_work_is_cancelled(visit):
     page.route("**/v1/geometry", lambda route: route.continue_(headers=route.request.headers | at_once))
     page.route("**/v1/jobs/*/events", lambda route: None)  # it never says that it is done
     page.get_by_role("tab", name="Object").click()
-    page.get_by_label("Light map", exact=True).select_option("256")
+    with page.expect_request("**/v1/jobs/*/events"):  # the job is known
+        page.get_by_label("Light map", exact=True).select_option("256")
     page.get_by_role("button", name="Cancel").click()
     page.locator("#badge[data-state=stopped]").wait_for()
     assert page.locator(".progress").is_hidden()
+    deadline = time.monotonic() + 10
+    while not told and time.monotonic() < deadline:
+        page.wait_for_timeout(50)
     assert len(told) == 1 and "/v1/jobs/" in told[0]
     page.unroute_all()
     settle(page, lambda: page.get_by_role("button", name="Undo").click())
