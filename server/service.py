@@ -1,6 +1,7 @@
 """What the routes share: uploads, the render thread, jobs, answers; and how a request is answered."""
 
 import asyncio
+import gc
 import logging
 import re
 import time
@@ -75,8 +76,12 @@ class Service:
         return None if self.worker.ready else retry_after("starting", "The service is starting.", 2)
 
     def _engine(self):
-        from texsss_server.engine import Engine  # imports for seconds: in the render thread
-
+        gc.disable()  # modules stay: to look for garbage among them takes a fifth of their import
+        try:
+            from texsss_server.engine import Engine  # imports for seconds: in the render thread
+        finally:
+            gc.freeze()
+            gc.enable()
         return Engine(self.settings, self.store)
 
     async def _warm(self) -> None:

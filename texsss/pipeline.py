@@ -31,7 +31,7 @@ from texsss.transport.poisson import diffuse_poisson
 from texsss.transport.through import Across, on_one_side, transmitted
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
-from texsss.view.picture import centre_hits, picture
+from texsss.view.picture import at_centres, picture
 from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
@@ -200,10 +200,10 @@ class Run(Beneath):
     @property
     def sights(self) -> Kept:
         """What the centres of the picture's pixels show but for scattered light."""
-        camera, occluder = self.camera, self.occluder.value
+        camera, occluder, see = self.camera, self.occluder.value, self.see
 
         def make():
-            return [self.see(hits) for hits in centre_hits(camera.value, occluder, self.cancel)]
+            return list(at_centres(camera.value, occluder, see, self.cancel))
 
         surface, eta = self.upper_surface, self.stack.value.eta
         return self.stage(
@@ -229,13 +229,13 @@ class Run(Beneath):
         def make():
             tint = None if surface.albedo is None else maps[surface.albedo].value
             single = once if once is None or tint is None else tinted(once, tint, mesh)
-            show = shower(scattered(), atlas.uv, single)
+            show, see = shower(scattered(), atlas.uv, single), self.see
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(
                 self.camera.value,
                 occluder,
-                lambda hits: show(self.see(hits)),
+                lambda hits: show(see(hits)),
                 samples=scene.camera.samples,
                 background=placing.background(scene),
                 seed=scene.seed,

@@ -18,7 +18,7 @@ from texsss.surface.points import Points
 from texsss.types import unit
 from texsss.view import ggx
 from texsss.view.camera import Hits, fit_camera, pixel_centres, primary_hits
-from texsss.view.picture import centre_hits, picture
+from texsss.view.picture import at_centres, picture
 from texsss.view.shade import Gloss, facing, shade, sight
 
 
@@ -182,7 +182,11 @@ def test_what_is_known_of_the_centres_is_not_looked_at_again():
     mesh = sphere(50.0, 2)
     occluder, camera = Occluder(mesh), fit_camera(mesh, resolution=(24, 16))
     lights = [DirectionalLight((1, 1, 1), (3, 3, 3)), ConstantEnvironment((1, 1, 1))]
-    seen = [sight(h, mesh, lights, gloss=Gloss(), occluder=occluder) for h in centre_hits(camera, occluder)]
+
+    def see(hits):
+        return sight(hits, mesh, lights, gloss=Gloss(), occluder=occluder)
+
+    seen = list(at_centres(camera, occluder, see))
     uv, image = torch.zeros(320, 3, 2), torch.rand(4, 4, 3, generator=torch.Generator().manual_seed(1))
 
     def shader(hits: Hits) -> torch.Tensor:

@@ -4,18 +4,23 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
 
 from texsss.errors import DomainError
 from texsss.light.visibility import Occluder
+from texsss.numerics.threads import in_threads
 from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 from texsss.view.camera import Camera, Hits, pixel_centres, primary_hits
+from texsss.view.shade import SEEDS_APART
 
-CHUNK = 1 << 16  # rays at a time
+CHUNK = 1 << 15  # rays at a time
+AT_ONCE = 8  # chunks between words of progress
 CONTRAST = 0.04  # of compressed brightness, 0..1, between neighbours: more is an edge
 
 Colour = tuple[float, float, float]
+T = TypeVar("T")
 
 
 def picture(
@@ -32,12 +37,13 @@ def picture(
 ) -> Float[Tensor, "h w 4"]:
     """Linear radiance over the background, and coverage 0..1 as the fourth channel.
 
-    `shader` gives the radiance (P, 3) of hits. Every pixel is looked at once; where neighbours differ
-    (outlines, shadow edges, highlights), stratified rays take its place: a few, and all `samples` where
-    those differ, too, rounded up to a square. Their mean, background included, weighs bright ones down,
-    1 / (1 + brightness / mean), lest a single highlight or a bright rim leave a jagged white edge.
+    `shader` gives the radiance (P, 3) of hits, in several threads at once. Every pixel is looked at once;
+    where neighbours differ (outlines, shadow edges, highlights), stratified rays take its place: a few, and
+    all `samples` where those differ, too, rounded up to a square. Their mean, background included, weighs
+    bright ones down, 1 / (1 + brightness / mean), lest a single highlight or a bright rim leave a jagged
+    white edge.
     `background`: a linear colour, or two: top and bottom. `centres`: pixels and the radiance at their
-    `centre_hits`, in parts, where it is known already.
+    `centre_hits`, in parts, where it is known already. Without gradients.
     Raises DomainError: when samples is below 1. Raises Cancelled.
     """
     if samples < 1:
@@ -47,7 +53,7 @@ def picture(
     behind = _background(background, height, width)
     colour, cover = behind.clone(), torch.zeros(count)
     if centres is None:
-        centres = ((hits.pixel, shader(hits)) for hits in centre_hits(camera, occluder, cancel))
+        centres = at_centres(camera, occluder, lambda hits: (hits.pixel, shader(hits)), cancel)
     for pixel, radiance in centres:
         check_cancelled(cancel)
         colour[pixel] = radiance.detach().float()
@@ -64,15 +70,24 @@ def picture(
     return torch.cat([colour, cover[:, None]], -1).reshape(height, width, 4)
 
 
-def centre_hits(camera: Camera, occluder: Occluder, cancel: Cancel | None = None) -> Iterator[Hits]:
-    """What the rays through the centres of all pixels hit, some thousands at a time. Raises Cancelled."""
+def at_centres(
+    camera: Camera, occluder: Occluder, look: Callable[[Hits], T], cancel: Cancel | None = None
+) -> Iterator[T]:
+    """`look` at what the rays through the centres of all pixels hit, some thousands at a time, in threads.
+
+    In parts from the top of the picture down; without gradients. Raises Cancelled.
+    """
     width, height = camera.resolution
     everywhere, centres = torch.arange(width * height), pixel_centres(camera)
-    for rows in chunks(width * height, CHUNK):
-        check_cancelled(cancel)
+
+    def seen(rows: slice) -> T | None:
         hits = primary_hits(camera, occluder, centres[rows], everywhere[rows], torch.float32)
-        if len(hits.pixel):
-            yield hits
+        return look(hits) if len(hits.pixel) else None
+
+    rows = chunks(width * height, CHUNK)
+    for first in range(0, len(rows), AT_ONCE):
+        group = in_threads(seen, rows[first : first + AT_ONCE], cancel)
+        yield from (found for found in group if found is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,41 +136,46 @@ def _refine(
     cancel: Cancel | None,
 ) -> None:
     """Replaces `pixels` of the film by the mean of stratified samples."""
-    generator = torch.Generator().manual_seed(seed)
     side = math.ceil(math.sqrt(samples))
     # the first `side` strata have a row and a column each to themselves: enough to tell a flat pixel
     few = [(k, (2 * k + 1) % (side + 1 - side % 2)) for k in range(side)]
     cells = few + [cell for cell in itertools.product(range(side), repeat=2) if cell not in few]
     weighted, weights, hit = torch.zeros(len(pixels), 3), torch.zeros(len(pixels)), torch.zeros(len(pixels))
     low, high = torch.full((len(pixels),), torch.inf), torch.full((len(pixels),), -torch.inf)
+
+    def look(sample: int, slot: Int[Tensor, " S"]) -> tuple[Float[Tensor, "S 3"], Float[Tensor, " S"]]:
+        """Radiance and coverage along a ray through the stratum `sample` of each of these pixels."""
+        pixel = pixels[slot]
+        generator = torch.Generator().manual_seed(seed + SEEDS_APART * sample + int(slot[0]))
+        jitter = torch.rand(len(pixel), 2, generator=generator, dtype=torch.float64)
+        corner = torch.stack([pixel % camera.resolution[0], pixel // camera.resolution[0]], -1).double()
+        xy = corner + (torch.tensor(cells[sample], dtype=torch.float64) + jitter) / side
+        hits = primary_hits(camera, occluder, xy, torch.arange(len(pixel)), torch.float32, sample=sample + 1)
+        radiance, covered = behind[pixel], torch.zeros(len(pixel))
+        if len(hits.pixel):
+            radiance[hits.pixel] = shader(hits).float()
+            covered[hits.pixel] = 1.0
+        return radiance, covered
+
     slots = torch.arange(len(pixels))
-    for k, cell in enumerate(cells):
-        check_cancelled(cancel)
-        if k == len(few):
+    for first in range(0, len(cells), side):
+        if first == len(few):
             slots = (high - low > CONTRAST).nonzero()[:, 0]
-        for part in chunks(len(slots), CHUNK):
-            slot = slots[part]
-            pixel = pixels[slot]
-            corner = torch.stack([pixel % camera.resolution[0], pixel // camera.resolution[0]], -1).double()
-            jitter = torch.rand(len(pixel), 2, generator=generator, dtype=torch.float64)
-            xy = corner + (torch.tensor(cell, dtype=torch.float64) + jitter) / side
-            hits = primary_hits(camera, occluder, xy, torch.arange(len(pixel)), torch.float32, sample=k + 1)
-            radiance, covered = behind[pixel], torch.zeros(len(pixel))
-            if len(hits.pixel):
-                radiance[hits.pixel] = shader(hits).detach().float()
-                covered[hits.pixel] = 1.0
+        strata = range(first, min(first + side, len(cells)))
+        parts = [(sample, slots[part]) for sample in strata for part in chunks(len(slots), CHUNK)]
+        for (_, slot), (radiance, covered) in zip(
+            parts, in_threads(lambda part: look(*part), parts, cancel), strict=True
+        ):
             weight = 1 / (1 + radiance.mean(-1) / film.key)
             weighted[slot] += radiance * weight[:, None]
             weights[slot] += weight
             hit[slot] += covered
             # outlines count however dark: coverage tells them
             brightness = film.compressed(radiance).mean(-1) + covered
-            low[slot], high[slot] = (
-                torch.minimum(low[slot], brightness),
-                torch.maximum(high[slot], brightness),
-            )
+            low[slot] = torch.minimum(low[slot], brightness)
+            high[slot] = torch.maximum(high[slot], brightness)
         if progress is not None:
-            progress("view", 0.6 + 0.4 * (k + 1) / len(cells))
+            progress("view", 0.6 + 0.4 * (strata[-1] + 1) / len(cells))
     film.colour[pixels] = weighted / weights[:, None]
     counts = torch.full((len(pixels),), float(len(few)))
     counts[slots] = float(len(cells))
