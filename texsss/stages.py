@@ -17,7 +17,7 @@ STAGE_VERSIONS = {
     "maps": 1,
     "albedo": 1,
     "sites": 1,
-    "light": 3,
+    "light": 4,
     "operators": 4,
     "doubts": 1,
     "bank": 1,
