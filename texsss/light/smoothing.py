@@ -33,7 +33,8 @@ def neighbours_mean(
 
     def mean(rows: slice) -> Float[Tensor, "rows D"]:
         check_cancelled(cancel)
-        found = torch.from_numpy(tree.query(places[rows], k=count, eps=_SLACK)[1]).to(table.device).reshape(-1)
+        _, nearest = tree.query(places[rows], k=count, eps=_SLACK)
+        found = torch.from_numpy(nearest).to(table.device).reshape(-1)
         around = facing.index_select(0, found).reshape(-1, count, 3)
         weight = (around * facing[rows, None]).sum(-1).clamp_min(0) ** _SHARPNESS
         near = table.index_select(0, found).reshape(-1, count, table.shape[1])
