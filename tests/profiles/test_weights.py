@@ -160,19 +160,6 @@ def test_grey_materials_have_three_channels():
     assert weights_for(Medium(0.1, 1.0), variance_ladder(0.5, 100.0, 4)).table.shape == (1, 4, 3)
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # inductor's own, of torch.jit
-def test_compiled_weights_are_the_same():
-    """layered-diffusion under torch.compile, in one shape for all row counts; measured 2e-7."""
-    thickness = torch.linspace(0.1, 2.0, 50)[None]
-    table = Stack([Layer(preset("skin1"), thickness), Layer(preset("skin2"))]).table()
-    ladder = variance_ladder(0.4, 400.0, 8)
-    eager, compiled = (
-        weights_for(table, ladder, model="layered-diffusion", compiled=x, levels=None).table
-        for x in (False, True)
-    )
-    torch.testing.assert_close(compiled, eager, rtol=0, atol=5e-6)
-
-
 def test_fits_agree_with_the_profile():
     """Six terms: projected 2.5 %, optimised .6 % of skin1; the optimiser must not lose."""
     medium = preset("skin1")

@@ -7,18 +7,18 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 from platformdirs import user_cache_dir
 
-from texsss.numerics.compiled import notice
-
 FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-w"]
 # as the compiler may fuse and vectorise; infinities and NaN stay what they are
 FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 PATIENCE_S = 120
+SHARED = Path(__file__).parent  # of headers
 
 
 def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
@@ -36,13 +36,13 @@ def _library(source: Path, macros: tuple[tuple[str, int], ...]) -> ctypes.CDLL |
     if compiler is None:
         notice("no C++ compiler was found")
         return None
-    text = source.read_bytes()
+    text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
     command = [compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
     key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
     path = _folder() / f"{source.stem}-{key}.so"
     try:
         if not path.is_file():
-            _build([*command, str(source)], path)
+            _build([*command, f"-I{SHARED}", str(source)], path)
         return ctypes.CDLL(str(path))
     except (OSError, subprocess.SubprocessError) as error:
         notice(f"a C++ file could not be built ({type(error).__name__})")
@@ -83,3 +83,13 @@ def _processor() -> str:
 
 def _folder() -> Path:
     return Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")) / "native"
+
+
+@cache
+def notice(why: str) -> None:
+    """Says once for every reason that loops run uncompiled."""
+    warnings.warn(
+        f"texsss: march and profiles run uncompiled, ten times slower, because {why}.",
+        RuntimeWarning,
+        stacklevel=3,
+    )

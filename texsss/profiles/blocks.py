@@ -6,12 +6,10 @@ from typing import Any, NamedTuple
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.numerics.compiled import compiled as fast
 from texsss.profiles.slab import layers_of
 from texsss.types import Float, Tensor, chunks
 
 ROWS = 16_384  # prepared at once: more operations than work otherwise
-WIDTH = 1024  # columns of a block of compiled loops
 VALUES = 50_000  # frequencies × columns solved at once: .2 MB per tensor
 
 
@@ -30,18 +28,13 @@ class Solver(NamedTuple):
     unreduced: bool | None = None
 
 
-def solved(
-    table: LayerTable, s: Float[Tensor, " S"], solver: Solver, compiled: bool = False
-) -> Float[Tensor, "S N"]:
+def solved(table: LayerTable, s: Float[Tensor, " S"], solver: Solver) -> Float[Tensor, "S N"]:
     """R̂ or T̂ of all channels and rows, flattened to N; 0 below a stack without a bottom."""
     if solver.side == "transmittance" and table.bottomless:
         return s.new_zeros(len(s), table.sigma_a[..., 0, :].numel())
     parts = [table]
     if len(table.batch) == 1:
         parts = [table.rows(part) for part in chunks(table.batch[0], ROWS)]
-    prepare, spectrum = solver.prepare, solver.spectrum
-    if compiled:
-        prepare, spectrum = fast(prepare), fast(spectrum)
     column = s[:, None]
     solved: list[Tensor] = []
     for rows in parts:
@@ -50,13 +43,10 @@ def solved(
             asked = (*asked, layers_of(rows, reduced=False) if solver.unreduced else None)
         layers = layers_of(rows)
         count = layers[0].sigma.shape[1]
-        if compiled:
-            solved.append(_stacked(prepare, spectrum, layers, asked, column))
-            continue
-        prepared = prepare(layers, *asked)
+        prepared = solver.prepare(layers, *asked)
         width = max(VALUES // len(s), 1)
         blocks = [
-            spectrum(prepared if width >= count else _columns(prepared, columns), column)
+            solver.spectrum(prepared if width >= count else _columns(prepared, columns), column)
             for columns in chunks(count, width)
         ]
         solved.append(torch.cat(blocks, 1) if len(blocks) > 1 else blocks[0])
@@ -65,27 +55,11 @@ def solved(
     return torch.cat([x.view(len(s), table.channels, -1) for x in solved], 2).flatten(1)
 
 
-def _stacked(prepare, spectrum, layers, asked, column) -> Tensor:
-    """All columns at once, as a stack of blocks of WIDTH: loops over one fit into the processor's cache."""
-    prepared = prepare([_folded(layer) for layer in layers], *_folded(asked))
-    return spectrum(prepared, column).movedim(1, 0).flatten(1)
-
-
-def _folded(tree: Any) -> Any:
-    """Tensors (1, N) in nested tuples as (N / WIDTH, 1, WIDTH), if that is whole."""
-    return _mapped(tree, lambda x: x.view(-1, 1, x.shape[1] if x.shape[1] % WIDTH else WIDTH))
-
-
 def _columns(tree: Any, columns: slice) -> Any:
     """Some columns of all tensors (1, N) in nested tuples."""
-    return _mapped(tree, lambda x: x[:, columns] if x.ndim else x)
-
-
-def _mapped(tree: Any, of: Callable[[Tensor], Tensor]) -> Any:
-    """Nested tuples and lists with `of(x)` in the place of every tensor x."""
     if isinstance(tree, Tensor):
-        return of(tree)
+        return tree[:, columns] if tree.ndim else tree
     if not isinstance(tree, (tuple, list)):
         return tree
-    parts = [_mapped(x, of) for x in tree]
+    parts = [_columns(x, columns) for x in tree]
     return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

@@ -63,12 +63,8 @@ def flat_profile(
     scattering: str = "total",
     incidence: Incidence = "diffuse",
     phase: str = "henyey-greenstein",
-    compiled: bool = False,
 ) -> Float[Tensor, "S N"]:
-    """R̂(s) or T̂(s), by `side`, of all channels and rows, flattened to N in this order.
-
-    `compiled`: the layered models under torch.compile, without gradients.
-    """
+    """R̂(s) or T̂(s), by `side`, of all channels and rows, flattened to N in this order."""
     choose("model", model, MODELS)
     choose("scattering", scattering, SCATTERINGS)
     choose("side", side, SIDES)
@@ -76,7 +72,7 @@ def flat_profile(
     directions = incidence_directions(incidence, table.eta[0])
     if model == "layered-sp3":
         options = {"side": side, "scattering": scattering, "phase": phase}
-        return layered_sp3.profile(table, s, directions, **options, compiled=compiled)
+        return layered_sp3.profile(table, s, directions, **options)
     if model == "better-dipole":
         return _better_dipole(table, s, side, scattering, directions, phase)
     if scattering != "total":
@@ -88,7 +84,7 @@ def flat_profile(
         slab = stacked(table, s)
         return slab.R_plus if side == "reflectance" else slab.T_plus
     mean = mean_direction(incidence, table.eta[0])
-    return layered_diffusion.profile(table, s, mean, side=side, compiled=compiled)
+    return layered_diffusion.profile(table, s, mean, side=side)
 
 
 def _better_dipole(

@@ -7,13 +7,13 @@ solution that satisfies the conditions on the far side, scaled to 1 at the bound
 Source: the boundary-value problem of Donner & Jensen 2005, solved without poles; D of d'Eon & Irving 2011.
 """
 
+from functools import cache
 from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
-from texsss.numerics.compiled import constant
 from texsss.profiles.blocks import Solver, solved
 from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, ray_of, received, sheet_of
 from texsss.profiles.slab import TINY, Directions, from_side, light_in
@@ -37,19 +37,19 @@ class Prepared(NamedTuple):
 
 
 def profile(
-    table: LayerTable, s: Float[Tensor, " S"], directions: Directions, *, side: str, compiled: bool = False
+    table: LayerTable, s: Float[Tensor, " S"], directions: Directions, *, side: str
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
     `s` [1/mm]; 0 below a stack without a bottom. Differentiable in `table` and `s`.
     """
-    return solved(table, s, Solver(prepare, (directions, side), spectrum, side), compiled)
+    return solved(table, s, Solver(prepare, (directions, side), spectrum, side))
 
 
 @no_type_check
 def prepare(layers, directions, side):
     """All of R̂ or T̂ (`side`) that does not depend on the frequency."""
-    ends = [_boundary(layers[k].eta) for k in (0, -1)]
+    ends = [admittance(layers[k].eta) for k in (0, -1)]
     lights = light_in(layers, directions)
     if side == "transmittance":  # the stack seen from below
         ends = ends[::-1]
@@ -91,7 +91,7 @@ def spectrum(prepared, s):
     return response / torch.addcmul(whole, admittance, prepared.out)
 
 
-@constant
-def _boundary(eta: float) -> float:
+@cache
+def admittance(eta: float) -> float:
     """Admittance of the outer surface, eta² / (2 A)."""
     return eta**2 / (2 * fresnel.A(eta))

@@ -7,12 +7,12 @@ is replaced by the exact integral. Cosines, boundary coefficients: fitted to hal
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
 
+from functools import cache
 from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.numerics.compiled import constant
 from texsss.profiles import single
 from texsss.profiles.blocks import Solver, solved
 from texsss.profiles.single import Node, scattered_once
@@ -42,7 +42,6 @@ def profile(
     side: str,
     scattering: str = "total",
     phase: str = "henyey-greenstein",
-    compiled: bool = False,
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
@@ -53,9 +52,13 @@ def profile(
     coefficients, in which light that is hardly deflected is part of the beam; of it only `single`
     knows `phase`. Differentiable in `table` and `s`.
     """
-    known = not table.isotropic and (side == "reflectance" or scattering == "single")
     asked = (directions, side, scattering, phase)
-    return solved(table, s, Solver(prepare, asked, spectrum, side, known), compiled)
+    return solved(table, s, Solver(prepare, asked, spectrum, side, unreduced(table, side, scattering)))
+
+
+def unreduced(table: LayerTable, side: str, scattering: str) -> bool:
+    """Whether single scattering has the true coefficients, not the reduced ones."""
+    return not table.isotropic and (side == "reflectance" or scattering == "single")
 
 
 @no_type_check
@@ -118,7 +121,7 @@ def _sweeps(layers, lights, side):
     """Sweeps of two modes, one per parameter set, and the weights of these."""
     inner = layers[0].eta
     layers, lights = from_side(side, layers, lights)
-    sets = _parameters(inner, layers[0].eta, layers[-1].eta)
+    sets = parameters(inner, layers[0].eta, layers[-1].eta)
     return tuple(swept(layers, lights, *modes) for _, *modes in sets), tuple(weight for weight, *_ in sets)
 
 
@@ -139,8 +142,8 @@ def _furnace(layers, lights, directions):
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 
 
-@constant
-def _parameters(inner, near, far):
+@cache
+def parameters(inner, near, far):
     """Parameter sets of the medium, the near and the far boundary, with their weights."""
     if near == far:
         return tuple((weight, modes, modes, modes) for weight, modes in two_modes(near))

@@ -14,7 +14,7 @@ keep their digits. The light enters as e^-σz; a quotient of vanishing differenc
 small, is rounded off there, to a few units of the precision's last third.
 
 This is where all the time goes. A pass over memory costs more than an arithmetic operation, so every
-pass counts; torch.compile makes one loop of it all, and cannot see through shape annotations.
+pass counts; fused.cpp makes one loop of it all.
 """
 
 from typing import NamedTuple, no_type_check

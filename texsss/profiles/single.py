@@ -7,16 +7,16 @@ end, the integral of J0 from there on is a damped oscillation that matches its v
 """
 
 import math
+from functools import cache
 from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media import fresnel
 from texsss.media.phase import between_cones
-from texsss.numerics.compiled import constant
 from texsss.numerics.quadrature import gauss_weighted
 from texsss.profiles.modes import beam_of, few, overlap
-from texsss.profiles.slab import FAR, added, flipped, mirror_of, refracted
+from texsss.profiles.slab import FAR, added, flipped, mirrors, refracted
 from texsss.types import Tensor
 
 NODES = 4
@@ -75,17 +75,15 @@ def prepare(layers, lights, phase):
     Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
     """
     nodes = []
-    for mu, weight in _nodes(layers[0].eta):
+    for mu, weight, mirrored, again in exits(layers[0].eta, layers[-1].eta):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
         near, far = _legs(layers, lights, cosines, phase, weight / 2), None
         if layers[-1].d is not None:
             # per solid angle at the far face, so that both are of one pencil of light
             share = weight / 2 * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
             far = _legs(layers[::-1], flipped(lights), cosines[::-1], phase, share)
-        outside = refracted(mu, layers[0].eta, 1.0)
-        mirror, other = mirror_of(outside, layers[0].eta), mirror_of(outside, layers[-1].eta)
         number = layers[0].sigma.new_full
-        nodes.append(Node(near, far, number((), other), number((), mirror * other)))
+        nodes.append(Node(near, far, number((), mirrored), number((), again)))
     return tuple(nodes)
 
 
@@ -192,9 +190,20 @@ def _spread(near, eta_near, far, eta_far):
     return near * eta_near**2 / (far * eta_far**2)
 
 
-@constant
-def _nodes(eta: float) -> tuple[tuple[float, float], ...]:
-    """Cosines inside, and weights, of light that the surface lets out."""
+@cache
+def exits(near: float, far: float) -> tuple[tuple[float, float, float, float], ...]:
+    """Light that the near face lets out: cosines inside, weights, what the far face mirrors, and both.
+
+    `near`, `far`: indices within the two faces.
+    """
+    found = []
+    for mu, weight in _nodes(near):
+        mirror, other = mirrors((near, far), mu)
+        found.append((mu, weight, other, mirror * other))
+    return tuple(found)
+
+
+def _nodes(eta: float) -> list[tuple[float, float]]:
     critical = math.sqrt(1 - 1 / eta**2)
 
     def let_out(mu):
@@ -202,4 +211,4 @@ def _nodes(eta: float) -> tuple[tuple[float, float], ...]:
         return fresnel.transmittance(outside, eta).numpy()
 
     mu, weight = gauss_weighted(let_out, critical, 1.0, NODES)
-    return tuple((float(m), float(w)) for m, w in zip(mu, weight, strict=True))
+    return [(float(m), float(w)) for m, w in zip(mu, weight, strict=True)]

@@ -1,16 +1,16 @@
 """Layers flattened to rows, and the collimated light in them: what profiles hold at every frequency.
 
-torch.compile goes through all that works on layers; it cannot see through annotations that are checked.
+Layers are annotated in words only: on small tables, checks of shapes would take longer than the work.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple, no_type_check
 
 import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
-from texsss.numerics.compiled import constant
 from texsss.types import Tensor
 
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
@@ -96,7 +96,7 @@ def _light_from(layers, cosine, share):
         above = above if tau is None else above + tau
     up = [None] * len(layers)
     if layers[-1].d is not None:
-        top, bottom = _mirrors(layers, cosine)
+        top, bottom = mirrors([layer.eta for layer in layers], cosine)
         through = torch.exp(-above.clamp_max(FAR))
         gain = 1 / (1 - top * bottom * through**2)
         below = torch.zeros_like(above)
@@ -119,16 +119,14 @@ def _light_from(layers, cosine, share):
     ]
 
 
-@no_type_check
-def _mirrors(layers, cosine):
-    """Fresnel reflectance of the top and of the bottom for light at `cosine` in the first layer."""
-    outside = refracted(cosine, layers[0].eta, 1.0)
-    return mirror_of(outside, layers[0].eta), mirror_of(outside, layers[-1].eta)
+def mirrors(etas: Sequence[float], cosine: float) -> tuple[float, float]:
+    """Fresnel reflectance of the first and of the last face for light at `cosine` in the first layer."""
+    outside = refracted(cosine, etas[0], 1.0)
+    return _mirror(outside, etas[0]), _mirror(outside, etas[-1])
 
 
-@constant
-def mirror_of(outside: float, eta: float) -> float:
-    """Fresnel reflectance, kept."""
+@cache
+def _mirror(outside: float, eta: float) -> float:
     return fresnel.reflectance(outside, eta)
 
 
@@ -143,7 +141,7 @@ def ballistic(layers, directions):
         return total
     for cosine, share in directions:
         lights = _light_from(layers, cosine, share)
-        top, bottom = _mirrors(layers, cosine)
+        top, bottom = mirrors([layer.eta for layer in layers], cosine)
         first, last = lights[0], lights[-1]
         total = (
             total + share * (1 - top) * first.up * first.beam + share * (1 - bottom) * last.down * last.beam

@@ -6,6 +6,7 @@ import torch
 
 from texsss.media.stack import LayerTable, Stack
 from texsss.numerics.threads import in_threads
+from texsss.profiles.fused import Fused
 from texsss.profiles.hankel import Material, as_table, flat_profile
 from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
@@ -71,8 +72,8 @@ def weights_for(
     are solved once; where they are many and one or two maps make all that varies, every coefficient is
     first rounded to `levels` steps between its extremes, so that they become a table (None: exact;
     ignored while gradients are asked for). Totals move by up to .002, where a layer is thinnest.
-    Grey materials are shown in `channels` channels. `compiled`: layered models under torch.compile, five
-    times faster once compiled (a minute or two, kept on disk); ignored while gradients are asked for.
+    Grey materials are shown in `channels` channels. `compiled`: the layered models by a loop in C++, where
+    there is a compiler, in float32 and without gradients.
     Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
@@ -91,38 +92,34 @@ def weights_for(
     s, ds = frequencies(variances, nodes)
     matrix = projector(variances, s, ds).to(table.sigma_a)
     s = torch.cat([s, s.new_zeros(1)]).to(table.sigma_a)
-    # glibc hands memory back after every operation until it has seen something large freed: half the time
-    torch.empty(WORKSPACE, device=matrix.device)
-    compiled = compiled and not table.requires_grad
-    options = {"model": model, "scattering": scattering, "incidence": incidence, "compiled": compiled}
-    done: list[int] = []
+    options = {"model": model, "scattering": scattering, "incidence": incidence, "side": side}
+    fused = Fused(table, s, matrix, **options) if compiled and not table.requires_grad else None
+    if fused is None or not fused.ready:
+        fused = None
+        # glibc hands memory back after every operation until it has seen something large freed: half the time
+        torch.empty(WORKSPACE, device=matrix.device)
+    count, done = table.batch[0], []
 
     def solve(part: slice) -> Float[Tensor, "B K C"]:
-        check_cancelled(cancel)
-        count = part.stop - part.start
-        rows = table.rows(part)
-        if compiled and count < CHUNK:  # one shape is compiled for all
-            rows = rows.rows(torch.arange(CHUNK).clamp_max(count - 1))
-        spectrum = flat_profile(rows, s, side=side, **options)
-        done.append(count)
-        if progress is not None:
-            progress("weights", sum(done) / table.batch[0])
+        spectrum = flat_profile(table.rows(part), s, **options)
         # channels and rows, flattened → rows, weights and channels
         made = (matrix @ spectrum).view(len(variances) * table.channels, -1).t()
-        return made.reshape(-1, len(variances), table.channels)[:count]
+        return made.reshape(-1, len(variances), table.channels)
 
-    parts = chunks(table.batch[0], CHUNK)
+    parts = chunks(count, CHUNK)
     if table.requires_grad:
         return Weights(variances.to(table.sigma_a), torch.cat([solve(part) for part in parts]), row)
-    weights = matrix.new_empty(table.batch[0], len(variances), table.channels)
+    weights = matrix.new_empty(count, len(variances), table.channels)
 
     def fill(part: slice) -> None:
-        weights[part] = solve(part)
+        check_cancelled(cancel)
+        if fused is None:
+            weights[part] = solve(part)
+        else:
+            fused(part, weights)
+        done.append(part.stop - part.start)
+        if progress is not None:
+            progress("weights", sum(done) / count)
 
-    if compiled:  # kernels hold the interpreter, and are parallel themselves
-        with torch.no_grad():
-            for part in parts:
-                fill(part)
-    else:
-        in_threads(fill, parts, cancel)
+    in_threads(fill, parts, cancel)
     return Weights(variances.to(table.sigma_a), weights, row)

@@ -4,53 +4,15 @@
 // MAPPED (coefficients are maps).
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <cstring>
 #include <vector>
 
-#if defined(__AVX512F__)
-#include <immintrin.h>
-constexpr int WIDTH = 16;
-#elif defined(__AVX__)
-constexpr int WIDTH = 8;
-#else
-constexpr int WIDTH = 4;
-#endif
-
-typedef float V __attribute__((vector_size(4 * WIDTH)));  // one point per lane
-typedef int32_t I __attribute__((vector_size(4 * WIDTH)));
+#include "lanes.h"
 
 constexpr int B = BOUNDARIES, L = BOUNDARIES + ENDLESS, C = 3, G = G_CHANNELS;
 constexpr int PER_WORD = B == 1 ? 1 : B == 3 ? 3 : 2, BITS = PER_WORD == 1 ? 24 : PER_WORD == 2 ? 16 : 10;
 constexpr int RAY = 10, LIGHT = 11;  // rows of the tables of rays and lights
 constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, PI4 = 12.566370614359172f;
 
-static inline V all(float x) { return x - V{}; }
-static inline V lesser(V a, V b) { return a < b ? a : b; }
-static inline V greater(V a, V b) { return a > b ? a : b; }
-static inline V positive(V a) { return greater(a, V{}); }
-static inline V real(I a) { return __builtin_convertvector(a, V); }
-static inline I whole(V a) { return __builtin_convertvector(a, I); }
-// estimates of 14 bits and one step of Newton's, where there are such
-static inline V inverse(V a) {
-#if defined(__AVX512F__)
-  V r = (V)_mm512_rcp14_ps((__m512)a);
-  return r * (2 - a * r);
-#else
-  return 1 / a;
-#endif
-}
-static inline V inverse_root(V a) {
-#if defined(__AVX512F__)
-  V r = (V)_mm512_rsqrt14_ps((__m512)a);
-  return r * (1.5f - 0.5f * a * r * r);
-#else
-  V r = {};
-  for (int i = 0; i < WIDTH; i++) r[i] = 1 / __builtin_sqrtf(a[i]);
-  return r;
-#endif
-}
 static inline V floored(V a) {
 #if defined(__AVX512F__)
   return (V)_mm512_floor_ps((__m512)a);
@@ -58,11 +20,6 @@ static inline V floored(V a) {
   V cut = real(whole(a));
   return cut > a ? cut - 1 : cut;
 #endif
-}
-static inline V load(const float* p) {
-  V r = {};
-  std::memcpy(&r, p, sizeof r);
-  return r;
 }
 static inline I gathered(const int32_t* from, I at) {
 #if defined(__AVX512F__)
@@ -72,15 +29,6 @@ static inline I gathered(const int32_t* from, I at) {
   for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
   return r;
 #endif
-}
-
-// e^-x for x ≥ 0, to 2e-7 of it: 2^n times a series on ±½ ln 2
-static inline V decay(V x) {
-  x = lesser(x, all(87.0f));
-  I n = whole(x * 1.44269504f + 0.5f);
-  V f = x - real(n) * 0.693359375f + real(n) * 2.12194440e-4f;
-  V p = 1 - f * (1 - f * (0.5f - f * (1 / 6.f - f * (1 / 24.f - f * (1 / 120.f - f * (1 / 720.f))))));
-  return p * (V)((127 - n) << 23);
 }
 
 // ln x for normal x > 0: the exponent, and a series in (m - 1) / (m + 1) of the mantissa

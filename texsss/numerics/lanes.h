@@ -1,0 +1,65 @@
+// Vectors of floats, one item of work per lane, for loops that native.py builds.
+
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#if defined(__AVX512F__)
+#include <immintrin.h>
+constexpr int WIDTH = 16;
+#elif defined(__AVX__)
+#include <immintrin.h>
+constexpr int WIDTH = 8;
+#else
+constexpr int WIDTH = 4;
+#endif
+
+typedef float V __attribute__((vector_size(4 * WIDTH)));
+typedef int32_t I __attribute__((vector_size(4 * WIDTH)));
+
+static inline V all(float x) { return x - V{}; }
+static inline V lesser(V a, V b) { return a < b ? a : b; }
+static inline V greater(V a, V b) { return a > b ? a : b; }
+static inline V positive(V a) { return greater(a, V{}); }
+static inline V real(I a) { return __builtin_convertvector(a, V); }
+static inline I whole(V a) { return __builtin_convertvector(a, I); }
+// estimates of 14 bits and one step of Newton's, where there are such
+static inline V inverse(V a) {
+#if defined(__AVX512F__)
+  V r = (V)_mm512_rcp14_ps((__m512)a);
+  return r * (2 - a * r);
+#else
+  return 1 / a;
+#endif
+}
+static inline V inverse_root(V a) {
+#if defined(__AVX512F__)
+  V r = (V)_mm512_rsqrt14_ps((__m512)a);
+  return r * (1.5f - 0.5f * a * r * r);
+#else
+  V r = {};
+  for (int i = 0; i < WIDTH; i++) r[i] = 1 / __builtin_sqrtf(a[i]);
+  return r;
+#endif
+}
+static inline V load(const float* p) {
+  V r = {};
+  std::memcpy(&r, p, sizeof r);
+  return r;
+}
+
+// e^-x for x ≥ 0, to 2e-7 of it, and 1 - e^-x, which keeps its digits near 0: 2^n times a series on ±½ ln 2
+struct Decayed {
+  V left, gone;
+};
+static inline Decayed decayed(V x) {
+  x = lesser(x, all(87.0f));
+  I n = whole(x * 1.44269504f + 0.5f);
+  V f = x - real(n) * 0.693359375f + real(n) * 2.12194440e-4f;
+  V lost = f * (1 - f * (0.5f - f * (1 / 6.f - f * (1 / 24.f - f * (1 / 120.f - f * (1 / 720.f))))));
+  V scale = (V)((127 - n) << 23);
+  return {scale - scale * lost, 1 - scale + scale * lost};
+}
+static inline V decay(V x) { return decayed(x).left; }

@@ -1,0 +1,208 @@
+// Light that scattered twice or more, two_mode_sweep.py, for one block of columns; names are the same.
+
+#pragma once
+
+#include "lights.h"
+
+struct Modes {
+  double mu[2], b[2], gamma[2], delta[2], w[2];
+};
+struct Parameters {
+  double weight;
+  Modes inner, near, far;
+};
+
+struct Face {
+  float base[2], gamma[2], delta[2];
+  V loss[2], out[2];
+  struct Felt {
+    V sigma, tau, depth;
+  };
+  std::vector<Felt> felt;
+  bool slab;
+
+  void prepare(const Layers& layers, bool turned, bool slab_, const Modes& modes) {
+    const int L = int(layers.size());
+    slab = slab_;
+    const Layer& first = layers[turned ? L - 1 : 0];
+    V thick = !slab && L == 1 ? first.sigma : first.sigma * (first.d + 1e-15f);
+    for (int m = 0; m < 2; m++) {
+      base[m] = float(1 / (modes.mu[m] * modes.mu[m])), gamma[m] = float(modes.gamma[m]), delta[m] = float(modes.delta[m]);
+      loss[m] = thick * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
+    }
+    felt.resize(L);
+    for (int k = 0; k < L; k++) {
+      const Layer& layer = layers[turned ? L - 1 - k : k];
+      felt[k] = {layer.sigma, 3 * layer.sigma * layer.d, 8 * layer.d};
+    }
+  }
+
+  // (s / σ)², σ the extinction near the face: a mean that weighs what is near
+  V feels(float s) const {
+    const int L = int(felt.size());
+    V near = felt[L - 1].sigma, left = all(1), mean = {};
+    for (int k = 0; k + 1 < L; k++) {
+      left *= decay(lesser(felt[k].tau + s * felt[k].depth, all(20)));
+      mean += (felt[k].sigma - felt[k + 1].sigma) * (1 - left);
+    }
+    if (L > 1 && slab) {  // of a thin slab what is there
+      left *= decay(lesser(felt[L - 1].tau + s * felt[L - 1].depth, all(20)));
+      mean *= inverse(1 - left + TINY);
+    }
+    V u = s * inverse(near + mean);
+    return u * u;
+  }
+  V lost(int m, V x) const { return root(base[m] + gamma[m] * x) * loss[m]; }
+  V leaves(int m, V x) const { return root(base[m] + delta[m] * x) * out[m]; }
+};
+
+struct Sweep {
+  struct Carried {
+    V rate, down[BEAMS], up[BEAMS];
+  };
+  struct Level {
+    bool endless;
+    V d2, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
+    Carried coupled[2], alone[2];
+  };
+  std::vector<Level> levels;
+  Face near, far;
+  int count;
+  bool slab;
+  float weight;
+
+  void prepare(const Layers& layers, const Lights& lights, int directions, bool endless, const Parameters& set) {
+    const int L = int(layers.size());
+    levels.resize(L), count = directions, slab = !endless, weight = float(set.weight);
+    for (int k = L - 1; k >= 0; k--) {
+      const Layer& layer = layers[k];
+      Level& here = levels[k];
+      here.endless = endless && k == L - 1;
+      V rates[2];
+      eigen(layer, set.inner, rates, here.k1, here.k2);
+      V d = layer.d + 1e-15f;
+      here.d2 = d * d;
+      for (int j = 0; j < count; j++) {
+        const Light& light = lights[k * count + j];
+        V strength = here.endless ? light.source : light.source * layer.d;
+        here.tau[j] = here.endless ? light.sigma : light.tau, here.beam[j] = light.beam;
+        V down = strength * light.down, up = strength * light.up;
+        for (int m = 0; m < 2; m++) {
+          V y = m == 0 ? 1 - here.k2 : 1 + here.k1;
+          here.alone[m].down[j] = down, here.alone[m].up[j] = up;
+          here.coupled[m].down[j] = down * y, here.coupled[m].up[j] = up * y;
+        }
+      }
+      for (int m = 0; m < 2; m++) {
+        const float mu = float(set.inner.mu[m]);
+        V u = layer.sigma / mu, own = u * u;
+        here.coupled[m].rate = here.endless ? rates[m] : rates[m] * here.d2 + 1e-30f;
+        here.alone[m].rate = here.endless ? own : own * here.d2 + 1e-30f;
+      }
+      if (k == L - 1) continue;
+      const Layer& under = layers[k + 1];
+      const Level& below = levels[k + 1];
+      here.ratio = layer.sigma / under.sigma * float(under.eta / layer.eta * (under.eta / layer.eta)) * d;
+      if (!below.endless) here.ratio /= under.d + 1e-15f;
+      // k2 / k1 is the same in all layers, so that both of the diagonal are one
+      V own = 1 / (1 + below.k1 * below.k2), scale = here.ratio / (1 + here.k1 * here.k2);
+      V a = 1 + here.k1 * below.k2, b = below.k1 - here.k1, c = here.k2 - below.k2;
+      here.into[0] = a * scale, here.into[1] = b * scale, here.into[2] = c * scale, here.into[3] = a * scale;
+      here.back[0] = a * own, here.back[1] = -b * own, here.back[2] = -c * own, here.back[3] = a * own;
+    }
+    near.prepare(layers, false, slab, set.near);
+    if (slab) far.prepare(layers, true, slab, set.far);
+  }
+
+  static void eigen(const Layer& layer, const Modes& modes, V rates[2], V& k1, V& k2) {
+    V sigma2 = layer.sigma * layer.sigma, per = 1 / layer.sigma;
+    V a = layer.sigma_s * per, lost = layer.sigma_a * per;
+    V K1 = sigma2 * float(1 / (modes.mu[0] * modes.mu[0])), K2 = sigma2 * float(1 / (modes.mu[1] * modes.mu[1]));
+    V c1 = a * K1 * float(modes.w[0]), c2 = a * K2 * float(modes.w[1]), delta = (K1 - K2 - c1 + c2) / 2;
+    V r = root(delta * delta + c1 * c2), p = 1 / (delta + r);
+    rates[0] = (K1 + K2 - c1 - c2) / 2 + r;
+    rates[1] = K1 * K2 * lost / rates[0] + TINY;
+    k1 = c1 * p, k2 = c2 * p;
+  }
+
+  V at(float s) const {
+    const float s2 = s * s;
+    V x = near.feels(s), lowest[2] = {};
+    V b[2] = {near.lost(0, x), near.lost(1, x)}, out[2] = {near.leaves(0, x), near.leaves(1, x)};
+    if (slab) {
+      V y = far.feels(s);
+      lowest[0] = far.lost(0, y), lowest[1] = far.lost(1, y);
+    }
+    V both = coupled(s2, b, out, lowest);
+    for (int m = 0; m < 2; m++) both -= uncoupled(s2, m, b[m], out[m], lowest[m]);
+    return weight * both;
+  }
+
+  V received(const Level& level, const Carried& carried, V decay) const {
+    V total = {};
+    for (int j = 0; j < count; j++) total += carried.down[j] * inverse(level.tau[j] + decay);
+    return total;
+  }
+  Lit shone(const Level& level, const Carried& carried, const Crossing& mode) const {
+    return lit(mode, level.tau, level.beam, carried.down, carried.up, count, slab);
+  }
+
+  V coupled(float s2, const V b[2], const V out[2], const V lowest[2]) const {
+    const int last = int(levels.size()) - 1;
+    V r0 = {}, r1 = {}, g0 = {}, g1 = {}, g2 = {}, g3 = {};
+    for (int k = last; k >= 0; k--) {
+      const Level& level = levels[k];
+      const Carried &one = level.coupled[0], &two = level.coupled[1];
+      if (level.endless) {
+        g0 = root(one.rate + s2), g3 = root(two.rate + s2);
+        r0 = received(level, one, g0), r1 = received(level, two, g3);
+        continue;
+      }
+      V G0, G1, G2, G3;
+      if (k == last) {  // V⁻¹ diag(lowest) V
+        V det = inverse(1 + level.k1 * level.k2), step = lowest[0] - lowest[1], mixed = level.k1 * level.k2 * det;
+        G0 = lowest[0] - mixed * step, G1 = level.k1 * det * step, G2 = level.k2 * det * step, G3 = lowest[1] + mixed * step;
+      } else {
+        const V *i = level.into, *o = level.back;
+        V a0 = i[0] * g0 + i[1] * g2, a1 = i[0] * g1 + i[1] * g3, a2 = i[2] * g0 + i[3] * g2, a3 = i[2] * g1 + i[3] * g3;
+        G0 = a0 * o[0] + a1 * o[2], G1 = a0 * o[1] + a1 * o[3], G2 = a2 * o[0] + a3 * o[2], G3 = a2 * o[1] + a3 * o[3];
+        V left = r0 * o[0] + r1 * o[2];
+        r1 = r0 * o[1] + r1 * o[3], r0 = left;
+      }
+      Crossing first = crossing(one.rate + s2 * level.d2), second = crossing(two.rate + s2 * level.d2);
+      Lit l1 = shone(level, one, first), l2 = shone(level, two, second);
+      V f1 = l1.far + r0, f2 = l2.far + r1;
+      V B1 = G0 + first.c, B2 = G3 + second.c, cross = G1 * G2, q1 = G0 * B2 - cross, q2 = G3 * B1 - cross;
+      V part = inverse(q1 + first.c * B2), e1 = first.k * part, e2 = second.k * part, both = first.k * e2;
+      r0 = l1.near + e1 * (f1 * B2 - f2 * G2), r1 = l2.near + e2 * (f2 * B1 - f1 * G1);
+      g0 = (first.squared * B2 + first.c * q1) * part, g3 = (second.squared * B1 + second.c * q2) * part;
+      g1 = both * G1, g2 = both * G2;
+    }
+    // (V Γ + diag(b) V) c = out
+    V k1 = levels[0].k1, k2 = levels[0].k2;
+    V M0 = g0 + b[0] + k1 * g2, M1 = g1 + k1 * (g3 + b[0]), M2 = g2 - k2 * (g0 + b[1]), M3 = g3 + b[1] - k2 * g1;
+    V reached = r0 * (M3 * out[0] - M1 * out[1]) + r1 * (M0 * out[1] - M2 * out[0]);
+    return reached * inverse(M0 * M3 - M1 * M2);
+  }
+
+  V uncoupled(float s2, int m, V b, V out, V lowest) const {
+    V response = {}, admittance = lowest, whole = all(1);  // the first two over the third
+    for (int k = int(levels.size()) - 1; k >= 0; k--) {
+      const Level& level = levels[k];
+      const Carried& carried = level.alone[m];
+      if (level.endless) {
+        admittance = root(carried.rate + s2);
+        response = received(level, carried, admittance);
+        continue;
+      }
+      V part = inverse(whole), Gd = admittance * part;
+      if (k + 1 < int(levels.size())) Gd *= level.ratio;
+      Crossing mode = crossing(carried.rate + s2 * level.d2);
+      Lit light = shone(level, carried, mode);
+      whole = mode.c + Gd;
+      response = light.near * whole + mode.k * (light.far + response * part);
+      admittance = mode.squared + Gd * mode.c;
+    }
+    return out * response * inverse(admittance + b * whole);
+  }
+};
