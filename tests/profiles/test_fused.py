@@ -16,8 +16,8 @@ from texsss.profiles.weights import weights_for
 
 pytestmark = pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing is compiled")
 
-S = torch.cat([torch.logspace(-2, 2, 7), torch.zeros(1)])
-ROWS = 60
+S = torch.cat([torch.logspace(-2, 2, 5), torch.zeros(1)])
+ROWS = 40
 
 
 def looped(table, **options) -> torch.Tensor:
@@ -30,31 +30,38 @@ def looped(table, **options) -> torch.Tensor:
     return made.permute(1, 2, 0).flatten(1)
 
 
-@pytest.mark.parametrize("layers", [1, 2, 3, 4])
-@pytest.mark.parametrize("bottomless", [True, False])
-@pytest.mark.parametrize("etas", [(1.0, 1.0), (1.05, 1.05), (1.4, 1.4), (1.6, 1.3)])
-def test_the_loop_is_float64_to_1e_4(layers, bottomless, etas):
+@pytest.mark.parametrize(
+    ("etas", "bottomless"),
+    [
+        ((1.4,), True),
+        ((1.05,), False),
+        ((1.6, 1.3), True),
+        ((1.0, 1.0), False),
+        ((1.4, 1.0, 1.5), True),
+        ((1.3, 1.3, 1.3), False),
+        ((1.5, 1.2, 1.05, 1.05), False),
+    ],
+)
+def test_the_loop_is_float64_to_1e_4(etas, bottomless):
     """Random stacks, .005 to 20 mm, g of -.8 to .9: never NaN; worst 7.8e-5 of R(0), as torch in float32."""
-    table = random_table(ROWS, layers, bottomless, 1.0, seed=3)
+    table = random_table(ROWS, len(etas), bottomless, 1.0, seed=3)
     g = torch.rand(table.g.shape, dtype=torch.float64, generator=torch.Generator().manual_seed(1)) * 1.7 - 0.8
-    forward = replace(table, g=g, eta=(etas * layers)[:layers])
-    isotropic = replace(forward, g=torch.zeros_like(g))
-    for side in ("reflectance",) if bottomless else ("reflectance", "transmittance"):
-        for rows, model, scattering, incidence in (
-            (isotropic, "layered-diffusion", "total", "normal"),
-            (forward, "layered-diffusion", "total", "diffuse"),
-            (isotropic, "layered-sp3", "total", "diffuse"),
-            (forward, "layered-sp3", "total", "diffuse"),
-            (forward, "layered-sp3", "multiple", 1.0),
-            (forward, "layered-sp3", "single", "normal"),
-        ):
-            asked = {"side": side, "model": model, "scattering": scattering, "incidence": incidence}
-            table = rows.to(torch.float32)
-            exact = table.to(torch.float64)
-            zero = flat_profile(exact, S[-1:].double(), model=model, side="reflectance")
-            error = (looped(table, **asked) - flat_profile(exact, S.double(), **asked)).abs()
-            worst = float((error / zero.clamp_min(1e-3)).max())  # NaN is not below anything
-            assert worst < 1e-4, (asked, worst)
+    forward = replace(table, g=g, eta=etas).to(torch.float32)
+    isotropic = replace(forward, g=torch.zeros_like(forward.g))
+    own = "reflectance" if bottomless else "transmittance"
+    for rows, side, model, scattering, incidence in (
+        (forward, own, "layered-diffusion", "total", "diffuse"),
+        (isotropic, "reflectance", "layered-sp3", "total", "diffuse"),
+        (forward, own, "layered-sp3", "total", 1.0),
+        (forward, "reflectance", "layered-sp3", "multiple", "normal"),
+        (forward, own, "layered-sp3", "single", "normal"),
+    ):
+        asked = {"side": side, "model": model, "scattering": scattering, "incidence": incidence}
+        exact = rows.to(torch.float64)
+        zero = flat_profile(exact, S[-1:].double(), model=model, side="reflectance")
+        error = (looped(rows, **asked) - flat_profile(exact, S.double(), **asked)).abs()
+        worst = float((error / zero.clamp_min(1e-3)).max())  # NaN is not below anything
+        assert worst < 1e-4, (asked, worst)
 
 
 def test_weights_are_the_same_by_the_loop():
