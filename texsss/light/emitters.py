@@ -50,6 +50,11 @@ class Light(Protocol):
         ...
 
 
+def graded(lights: Sequence[Light]) -> bool:
+    """Whether a light asks for gradients."""
+    return any(x.requires_grad for light in lights for x in vars(light).values() if isinstance(x, Tensor))
+
+
 @dataclass(frozen=True, eq=False)
 class Spots:
     """What in the surroundings is far brighter than the rest, a sun or lamps, for highlights to look for.

@@ -7,18 +7,19 @@ import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
-from texsss.light.emitters import Environment, Light
+from texsss.light.emitters import Environment, Light, graded
 from texsss.light.sites import Sites, dot, sites_at
 from texsss.light.sky import open_shares
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
+from texsss.numerics.threads import in_threads
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 SHARING = 16  # sites that take each other's looks at the surroundings
 AREA_SAMPLES = 16
-RAYS = 1 << 17  # sites traced at a time
+RAYS = 1 << 15  # sites that a thread takes at a time
 
 
 def irradiance(
@@ -65,22 +66,27 @@ def irradiance_at(
             f"irradiance: expected at least 1 of environment_samples, area_samples and sharing, got "
             f"{environment_samples}, {area_samples} and {sharing}."
         )
-    generator = torch.Generator().manual_seed(seed)
     surroundings = [part for light in lights if isinstance(light, Environment) for part in light.parts]
     nearby = [light for light in lights if not isinstance(light, Environment)]
-    parts, rows = [], chunks(len(sites), RAYS)
-    for k, row in enumerate(rows):
+    rows, ended = chunks(len(sites), RAYS), []
+
+    def lit(row: slice) -> Float[Tensor, "rows 3"]:
         site = sites[row]
         total = torch.zeros_like(site.position)
+        generator = torch.Generator().manual_seed(seed + row.start)
         for number, light in enumerate(nearby):
             if light.is_delta:
                 squares = [total.new_zeros(len(total), 2)]
             else:
                 squares = _squares(area_samples, len(total), seed + number, generator)
             total = total + _sampled(light, site, eta, occluder, squares, cancel)
-        parts.append(total)
+        ended.append(row)
         if progress is not None and not surroundings:
-            progress("light", (k + 1) / len(rows))
+            progress("light", len(ended) / len(rows))
+        return total
+
+    wanted = sites.position.requires_grad or sites.normal.requires_grad or graded(nearby)
+    parts = in_threads(lit, rows, cancel, graded=wanted)
     total = torch.cat(parts) if parts else torch.zeros_like(sites.position)
     if surroundings:
         shares = open_shares(

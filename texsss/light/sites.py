@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
+from texsss.numerics.threads import in_threads
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import Float, Tensor, chunks, unit
@@ -44,7 +45,9 @@ def sites_at(points: Points, mesh: Mesh, normals: Float[Tensor, "P 3"] | None = 
     Differentiable in vertices and `normals`, but for the starts.
     Source: Hanika 2021 (Ray Tracing Gems II, ch. 4).
     """
-    parts = [_chunk(points[rows], mesh) for rows in chunks(max(len(points), 1), CHUNK)]
+    _ = mesh.corner_normals  # by all threads, before they part
+    rows = chunks(max(len(points), 1), CHUNK)
+    parts = in_threads(lambda row: _chunk(points[row], mesh), rows, graded=mesh.vertices.requires_grad)
     position, smooth, face_normal, origin = (torch.cat(values) for values in zip(*parts))
     return Sites(position, smooth, smooth if normals is None else normals, face_normal, origin)
 

@@ -11,14 +11,18 @@ from texsss.types import Cancel, check_cancelled
 ASK_S = 0.02  # between questions whether to stop
 
 
-def in_threads(work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel | None = None) -> list[Any]:
+def in_threads(
+    work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel | None = None, *, graded: bool = False
+) -> list[Any]:
     """`work(item)` of every item, in order, on as many threads as torch uses.
 
     torch lets go of the interpreter while it computes, so that threads overlap; each of them keeps to
-    itself, which spares operations on small tensors from waiting for each other. Without gradients.
-    The first exception ends it. `cancel` is asked in this thread, between items or all the while.
-    Raises Cancelled.
+    itself, which spares operations on small tensors from waiting for each other. Without gradients,
+    unless they are asked for (`graded`): then in this thread alone. The first exception ends it.
+    `cancel` is asked in this thread, between items or all the while. Raises Cancelled.
     """
+    if graded and torch.is_grad_enabled():
+        return [_asked(work, item, cancel) for item in items]
     threads = torch.get_num_threads()
     if threads < 2:
         with torch.no_grad():

@@ -9,6 +9,7 @@ from texsss.errors import DomainError, ShapeError
 from texsss.types import Float, Int, Tensor, chunks, unit
 
 CREASE_COS = 0.5  # faces that meet at more than 60° keep a hard edge
+WITHIN_COS = 0.867  # faces all within 29.9° of their mean are within 60° of each other
 MAX_VALENCE = 256  # pairs around a vertex grow with the square of its faces
 CHUNK_CORNERS = 1 << 19  # corners whose pairs are held at once
 
@@ -99,14 +100,31 @@ class Mesh:
         Differentiable in the vertices.
         Source: Thürmer & Wüthrich 1998 (angle weights).
         """
-        normals, angles = self.face_normals, self._corner_angles.reshape(-1)
+        normals = self.face_normals
         flat = self.faces.reshape(-1)  # vertex of each corner, (3F,)
-        order = torch.argsort(flat, stable=True)
+        weighted = (normals[:, None] * self._corner_angles[..., None]).reshape(-1, 3)
+        mean = torch.zeros_like(self.vertices).index_add(0, flat, weighted)
+        total = mean[flat]
         valence = torch.bincount(flat, minlength=self.vertices.shape[0])
+        lean = (unit(total.detach()).reshape(-1, 3, 3) * normals.detach()[:, None]).sum(-1).reshape(-1)
+        least = lean.new_ones(len(valence)).scatter_reduce(0, flat, lean, "amin")
+        creased = (least < WITHIN_COS) & (valence <= MAX_VALENCE)
+        some = creased[flat].nonzero()[:, 0]
+        if len(some):
+            total = total.index_copy(0, some, self._creased(some, flat, valence))
+        smooth = unit(total).reshape(-1, 3, 3)
+        lost = torch.linalg.vector_norm(smooth, dim=-1, keepdim=True) < 0.5
+        return torch.where(lost, _any_normal(normals)[:, None], smooth)
+
+    def _creased(
+        self, some: Int[Tensor, " N"], flat: Int[Tensor, " F3"], valence: Int[Tensor, " V"]
+    ) -> Float[Tensor, "N 3"]:
+        """Angle-weighted sums for `some` corners: of the faces within 60° of each one's own."""
+        normals, angles = self.face_normals, self._corner_angles.reshape(-1)
+        order = torch.argsort(flat, stable=True)
         first = torch.cumsum(valence, 0) - valence
-        total = torch.zeros(flat.numel(), 3, dtype=normals.dtype, device=normals.device)
+        parts = []
         # every ordered pair of corners that share a vertex
-        some = torch.nonzero(valence[flat] <= MAX_VALENCE)[:, 0]
         for part in chunks(some.numel(), CHUNK_CORNERS):
             count = valence[flat[some[part]]]
             own = torch.repeat_interleave(some[part], count)
@@ -114,14 +132,10 @@ class Mesh:
             other = order[first[flat[own]] + torch.arange(own.numel(), device=flat.device) - before]
             other_normal = normals[other // 3]
             close = (normals[own // 3] * other_normal).sum(-1) >= CREASE_COS
-            total = total.index_add(0, own, other_normal * (angles[other] * close)[:, None])
-        if some.numel() < flat.numel():
-            weighted = normals.repeat_interleave(3, 0) * angles[:, None]
-            mean = torch.zeros_like(self.vertices).index_add(0, flat, weighted)
-            total = torch.where((valence[flat] > MAX_VALENCE)[:, None], mean[flat], total)
-        smooth = unit(total).reshape(-1, 3, 3)
-        lost = torch.linalg.vector_norm(smooth, dim=-1, keepdim=True) < 0.5
-        return torch.where(lost, _any_normal(normals)[:, None], smooth)
+            to = torch.repeat_interleave(torch.arange(len(count), device=flat.device), count)
+            sums = normals.new_zeros(len(count), 3)
+            parts.append(sums.index_add(0, to, other_normal * (angles[other] * close)[:, None]))
+        return torch.cat(parts)
 
     @cached_property
     def _corner_angles(self) -> Float[Tensor, "F 3"]:

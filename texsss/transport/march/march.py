@@ -6,10 +6,11 @@ import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError, ShapeError
-from texsss.light.emitters import Environment, Light
+from texsss.light.emitters import Environment, Light, graded
 from texsss.light.sites import smooth_origin
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
+from texsss.numerics.threads import in_threads
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.transport.march.gatherer import Gatherer, Method, Phase
@@ -20,7 +21,7 @@ from texsss.transport.march.setup import Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
-CHUNK = 1 << 16  # points at a time
+CHUNK = 1 << 15  # points that a thread takes at a time
 TOGETHER = 8  # samples of lights that share one march
 
 
@@ -72,57 +73,69 @@ def march(
     planes = planes or fitted_planes(mesh, interior)
     coordinates = check_uv(mesh, uv, interior)
     surface = Surface(mesh, planes, coordinates)
-    if surface.corner.requires_grad or interior.requires_grad or _bright(lights):
-        compiled = False
+    wanted = surface.corner.requires_grad or interior.requires_grad or graded(lights)
+    compiled = compiled and not wanted
     gather = Gatherer(interior, method, samples, phase, compiled)
-    generator = torch.Generator().manual_seed(seed)
-    rows = chunks(len(points), CHUNK)
-    parts = []
-    for k, row in enumerate(rows):
-        check_cancelled(cancel)
+    rows, ended = chunks(len(points), CHUNK), []
+    _ = mesh.corner_normals  # by all threads, before they part
+
+    def part(row: slice) -> Float[Tensor, "rows 3"]:
         here = points[row]
+        generator = torch.Generator().manual_seed(seed + row.start)
         towards = unit(view - here.position(mesh)) if view.ndim == 1 else view[row].to(mesh.vertices)
         jitter = None if noise is None else draw(noise, here.uv(coordinates), generator)
-        facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
         result = torch.zeros_like(towards)
-        if len(facing) == 0:
-            parts.append(result)
-            continue
-        if len(facing) < len(here):  # what faces away is dark
-            here, towards = here[facing], towards[facing]
+        # what faces away is dark
+        facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
+        if len(facing):
             jitter = None if jitter is None else jitter[facing]
-        sites = surface.at(here)
-        rays = view_rays(
-            sites, towards, interior.eta, gather.far, gather.size, None if jitter is None else jitter[:, :2]
-        )
-        origin = None if occluder is None else smooth_origin(here, mesh)
-        shift = None if jitter is None else jitter[:, 2]
-        total = torch.zeros_like(sites.position)
-        waiting: list[Tensor] = []
-        for number, light in enumerate(lights):
-            count = (
-                1
-                if light.is_delta
-                else environment_samples
-                if isinstance(light, Environment)
-                else area_samples
-            )
-            for square in _squares(count, len(here), seed + number, generator):
-                check_cancelled(cancel)
-                seen = light.sample(sites.position, sites.normal, square.to(sites.position))
-                waiting.append(
-                    light_scalars(sites, rays, seen, interior.eta, gather.size, occluder, origin, 1 / count)
-                )
-                if len(waiting) == TOGETHER:
-                    total = total + gather(rays.scalars, torch.stack(waiting), shift)
-                    waiting = []
-        if waiting:
-            total = total + gather(rays.scalars, torch.stack(waiting), shift)
-        left = total * rays.leaves[:, None]
-        parts.append(result.index_put((facing,), left))
+            left = _gathered(
+                surface, gather, here[facing], mesh, towards[facing], lights, occluder, jitter,
+                (environment_samples, area_samples), seed, generator, cancel,
+            )  # fmt: skip
+            result = result.index_put((facing,), left)
+        ended.append(row)
         if progress is not None:
-            progress("march", (k + 1) / len(rows))
-    return torch.cat(parts)
+            progress("march", len(ended) / len(rows))
+        return result
+
+    return torch.cat(in_threads(part, rows, cancel, graded=wanted))
+
+
+def _gathered(
+    surface: Surface,
+    gather: Gatherer,
+    here: Points,
+    mesh: Mesh,
+    towards: Float[Tensor, "P 3"],
+    lights: list[Light] | tuple[Light, ...],
+    occluder: Occluder | None,
+    jitter: Float[Tensor, "P 3"] | None,
+    counts: tuple[int, int],
+    seed: int,
+    generator: torch.Generator,
+    cancel: Cancel | None,
+) -> Float[Tensor, "P 3"]:
+    """Radiance of all lights that leaves towards the eye; `counts`: samples of surroundings and areas."""
+    eta, sites = gather.interior.eta, surface.at(here)
+    moved = None if jitter is None else jitter[:, :2]
+    rays = view_rays(sites, towards, eta, gather.far, gather.size, moved)
+    origin = None if occluder is None else smooth_origin(here, mesh)
+    shift = None if jitter is None else jitter[:, 2]
+    total = torch.zeros_like(sites.position)
+    waiting: list[Tensor] = []
+    for number, light in enumerate(lights):
+        count = 1 if light.is_delta else counts[not isinstance(light, Environment)]
+        for square in _squares(count, len(here), seed + number, generator):
+            check_cancelled(cancel)
+            seen = light.sample(sites.position, sites.normal, square.to(sites.position))
+            waiting.append(light_scalars(sites, rays, seen, eta, gather.size, occluder, origin, 1 / count))
+            if len(waiting) == TOGETHER:
+                total = total + gather(rays.scalars, torch.stack(waiting), shift)
+                waiting = []
+    if waiting:
+        total = total + gather(rays.scalars, torch.stack(waiting), shift)
+    return total * rays.leaves[:, None]
 
 
 def fitted_planes(mesh: Mesh, interior: Interior) -> Planes:
@@ -140,11 +153,6 @@ def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> 
     shift = torch.rand(points, 2, generator=generator)
     for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
         yield torch.frac(common + shift)
-
-
-def _bright(lights: list[Light] | tuple[Light, ...]) -> bool:
-    """Whether a light asks for gradients."""
-    return any(x.requires_grad for light in lights for x in vars(light).values() if isinstance(x, Tensor))
 
 
 def _check(
