@@ -66,23 +66,29 @@ def closed(request) -> dict:
     return {"mesh": mesh, "lights": [LAMP], "material": "skin1"}
 
 
+@pytest.fixture(scope="module")
+def baker() -> Baker:
+    """One for all that bake the same meshes."""
+    return Baker()
+
+
 def of(closed: dict, size: int, **more) -> Scene:
     return Scene.parse(closed | {"atlas": {"size": size}, "methods": {"diffusion": "uv"}} | more)
 
 
 @pytest.mark.parametrize("material", ["skin1", "marble"])
 @pytest.mark.parametrize("size", [256, 1024])
-def test_energy_that_leaves_a_closed_mesh_is_the_profile_total(closed, material, size):
+def test_energy_that_leaves_a_closed_mesh_is_the_profile_total(baker, closed, material, size):
     """Σ M dA = R̂(0) Σ E dA."""
-    baked = bake(of(closed, size, material=material))
+    baked = baker.bake(of(closed, size, material=material))
     left, entered = (torch.tensor(baked.report["energy"][name]) for name in ("left_w", "entered_w"))
     R, _ = hankel_profiles(Stack(preset(material)), torch.zeros(1), model="layered-sp3")
     torch.testing.assert_close(left / entered, R[0].float(), rtol=0.01, atol=0)
 
 
-def test_constant_light_stays_constant(closed):
+def test_constant_light_stays_constant(baker, closed):
     """E = 1 everywhere gives M = R̂(0), at chart edges too, in the gutter too."""
-    baked = bake(of(closed, 512))
+    baked = baker.bake(of(closed, 512))
     bank = build_bank(torch.ones(len(baked.texels), 3), baked.texels, baked.weights.variances, method="uv")
     left = exitance(bank, baked.weights, rule="exit")
     total = baked.weights.table.sum(1)
@@ -90,9 +96,9 @@ def test_constant_light_stays_constant(closed):
 
 
 @pytest.mark.parametrize("closed", ["head"], indirect=True)  # hundreds of charts mix by resolution
-def test_resolutions_agree(closed):
+def test_resolutions_agree(baker, closed):
     """512² and 2048² show the same surface light: RMS difference ≤ 2 % of the RMS."""
-    small, large = (bake(of(closed, size)) for size in (512, 2048))
+    small, large = (baker.bake(of(closed, size)) for size in (512, 2048))
     both = large.coverage.reshape(512, 4, 512, 4).all(3).all(1) & small.coverage
     fine = large.exitance.reshape(512, 4, 512, 4, 3).mean((1, 3))[both]
     coarse = small.exitance[both]
