@@ -22,20 +22,24 @@ from texsss.result import Baked
 from texsss.transport.bank import BUDGET_BYTES, Bank, Diffusion, diffusion, exitance, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.doubts import doubts
+from texsss.transport.kernels import Entries, Kernel
 from texsss.transport.lattice import Blur
 from texsss.transport.levels import Level
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
 from texsss.transport.operators import Operators, Step, surface_operators
 from texsss.transport.poisson import diffuse_poisson
+from texsss.transport.runs import Runs
 from texsss.transport.through import Across, on_one_side, transmitted
+from texsss.transport.ways import Ways
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import at_centres, picture
 from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
-KINDS = (Operators, Step, Level, Blur, Sparse)  # what results that last on disk are made of
+# what results that last on disk are made of
+KINDS = (Operators, Step, Kernel, Entries, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_dir
 
-FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-w"]
+FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-pthread", "-w"]
 # as the compiler may fuse and vectorise; infinities and NaN stay what they are
 FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 PATIENCE_S = 120

@@ -17,15 +17,12 @@ class Sparse:
     """A matrix in compressed rows: row i holds `value[start[i]:start[i+1]]` at `column[…]`.
 
     Indices are int32. Products are faster by far with columns of `x` that are few and stored row by row.
-    `measure` μ, where there is one: μ_i times the entry (i, j) is μ_j times the entry (j, i), so that the
-    transpose needs no room of its own.
     """
 
     start: Int[Tensor, " starts"]
     column: Int[Tensor, " entries"]
     value: Float[Tensor, " entries"]
     columns: int
-    measure: Float[Tensor, " rows"] | None = None
 
     @property
     def rows(self) -> int:

@@ -1,9 +1,12 @@
 """What the surface's texels hold, carried to the gutter: it has no area, so it only ever receives."""
 
+from collections.abc import Sequence
+
 import torch
 from scipy.spatial import KDTree
 
 from texsss.numerics.sparse import Sparse, starts
+from texsss.transport.loops import addresses, call, products, room
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 
 AROUND = 8  # texels of the surface that a gutter texel's value is made of
@@ -46,6 +49,34 @@ def gutter_means(
         values.append(value)
     start = starts(torch.full((len(gutter),), count))
     return Sparse(start, torch.cat(columns).flatten(), torch.cat(values).flatten(), covered)
+
+
+def fill_gutter(means: Sparse, copies: Sequence[Float[Tensor, "P C"]]) -> None:
+    """Puts into the gutter, the last rows of each of `copies`, what `means` makes of the others.
+
+    All of them contiguous.
+    """
+    covered = means.columns
+    found = products(means.value, *copies) if copies else None
+    if found is None:
+        for copy in copies:
+            copy[covered:] = means.times(copy[:covered])
+        return
+    args = means.rows, means.start, means.column, means.value, covered
+    call(found.gutter_times, *args, addresses(copies), len(copies), copies[0].shape[1])
+
+
+def from_gutter(means: Sparse, grads: Sequence[Float[Tensor, "P C"]]) -> list[Float[Tensor, "L C"]]:
+    """The transpose: each of `grads` on the surface, and what its gutter sends back there."""
+    covered = means.columns
+    found = products(means.value, *grads) if grads else None
+    if found is None:
+        return [grad[:covered] + means.transpose.times(grad[covered:]) for grad in grads]
+    grads, channels = [grad.contiguous() for grad in grads], grads[0].shape[1]
+    made = list(room(grads[0], len(grads), covered, channels))
+    args = means.rows, means.start, means.column, means.value, covered
+    call(found.gutter_back, *args, addresses(grads), addresses(made), len(grads), channels)
+    return made
 
 
 def _weights(

@@ -1,11 +1,13 @@
 """Gaussians on lattices ever coarser, each filled from the one before, and the way back."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 
-from texsss.numerics.sparse import Sparse
 from texsss.transport.lattice import Blur
+from texsss.transport.loops import room
+from texsss.transport.ways import Ways
 from texsss.types import Float, Tensor
 
 
@@ -13,38 +15,55 @@ from texsss.types import Float, Tensor
 class Level:
     """Gaussians on one lattice.
 
-    `up`: from its nodes to the points before it, texels or a finer lattice's nodes; `down`: the way there.
+    `ways`: between its nodes and the points before it, texels or a finer lattice's nodes.
     `variances` [mm²] that `blurs` come to at the texels.
     """
 
-    up: Sparse
-    down: Sparse
+    ways: Ways
     variances: tuple[float, ...]
     blurs: tuple[Blur, ...]
 
 
-def over(levels: tuple[Level, ...], x: Float[Tensor, "P C"]) -> Float[Tensor, "P D"]:
-    """What all Gaussians of the levels make of `x`, side by side, narrowest first."""
-    held = []
+def over(
+    levels: tuple[Level, ...],
+    x: Float[Tensor, "P C"],
+    scale: Float[Tensor, " P"],
+    out: Sequence[Float[Tensor, "P C"]],
+    last: Float[Tensor, "W P"] | None,
+) -> None:
+    """Put what all Gaussians of the levels make of `x` times `scale` into `out`, narrowest first, times `last`."""
+    channels = x.shape[1]
+    held: list[Tensor] = []  # columns of one level: its own Gaussians, then room for those of wider ones
+    wide, factor = sum(len(level.blurs) for level in levels), scale[None]
     for level in levels:
-        x = level.down.times(x)
-        held.append([b.times(x) for b in level.blurs])
-    back: list[Tensor] = []
-    for level, own in reversed(list(zip(levels, held, strict=True))):
-        # wider ones come along as further channels
-        back = [level.up.times(torch.cat([*own, *back], 1))]
-    return back[0]
+        x = level.ways.down([x], factor)
+        factor = None
+        columns = room(x, x.shape[0], channels * wide)
+        wide -= len(level.blurs)
+        for k, own in enumerate(level.blurs):
+            own.times(x, columns[:, channels * k : channels * (k + 1)])
+        held.append(columns)
+    for finer, level, columns in reversed(list(zip(held, levels[1:], held[1:]))):
+        level.ways.up(columns, [finer[:, finer.shape[1] - columns.shape[1] :]])
+    levels[0].ways.up(held[0], out, last)
 
 
-def over_transposed(levels: tuple[Level, ...], x: Float[Tensor, "P D"]) -> Float[Tensor, "P C"]:
-    """The transpose of `over`: the sum of what every Gaussian makes of its own columns."""
-    channels = x.shape[1] // sum(len(level.blurs) for level in levels)
-    held = []
+def over_transposed(
+    levels: tuple[Level, ...], parts: Sequence[Float[Tensor, "P C"]], scale: Float[Tensor, "W P"]
+) -> Float[Tensor, "P C"]:
+    """The transpose of `over`: the sum of what every Gaussian makes of its own part, but for its first factor."""
+    channels, held, factor = parts[0].shape[1], [], scale
     for level in levels:
-        own, x = level.down.times(x).tensor_split([channels * len(level.blurs)], 1)
-        parts = own.split(channels, 1) if level.blurs else ()
-        held.append([b.times(part) for b, part in zip(level.blurs, parts, strict=True)])
-    back: list[Tensor] = []
+        x = level.ways.down(parts, factor)
+        factor = None
+        own = len(level.blurs)
+        sums = [b.times(x[:, channels * k : channels * (k + 1)]) for k, b in enumerate(level.blurs)]
+        held.append(torch.stack(sums).sum(0) if len(sums) > 1 else sums[0] if sums else None)
+        parts = [x[:, channels * own :]]
+    back: Tensor | None = None
     for level, own in reversed(list(zip(levels, held, strict=True))):
-        back = [level.up.times(torch.stack([*own, *back]).sum(0))]
-    return back[0]
+        together = own if back is None else back if own is None else own + back
+        assert together is not None, "the last level has Gaussians"
+        back = level.ways.up(together)
+    assert back is not None, "there are levels"
+    return back

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.numerics.sparse import starts
+from texsss.transport.loops import call, making
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
 
 PAIRS = 1 << 19  # candidate pairs looked at once: temporaries stay in the cache
@@ -33,22 +34,10 @@ def pairs_within(
     targets: Float[Tensor, "Q 3"], points: Float[Tensor, "P 3"], radius: float
 ) -> Iterator[Pairs]:
     """The points closer than `radius` [mm] to each target, in consecutive blocks of targets."""
-    low = torch.minimum(points.amin(0), targets.amin(0))
-    steps, edge = 1, radius
-    key = voxel_keys(points, low, edge)
-    if len(points) > CROWDED * len(torch.unique(key)):
-        steps, edge = 2, radius / 2
-        key = voxel_keys(points, low, edge)
-    key, order = torch.sort(key)
-    axes = points[order].T.contiguous()  # rows are gathered faster one by one
-    order = order.to(torch.int32)
-    # voxels of one column along z follow each other in `key`: one range of points per column
-    step = torch.arange(-steps, steps + 1, device=points.device)
-    columns = torch.cartesian_prod(step, step)
-    columns = columns[(columns.abs() - 1).clamp_min(0).square().sum(1) < steps**2]
-    offset = (columns[:, 0] * KEY + columns[:, 1]) * KEY
-    voxels, voxel = torch.unique(voxel_keys(targets, low, edge), return_inverse=True)
-    around = voxels[:, None] + offset
+    grid = _grid(points, torch.minimum(points.amin(0), targets.amin(0)), radius)
+    key, order, axes, steps = grid.key, grid.order, grid.axes, grid.steps
+    voxels, voxel = torch.unique(voxel_keys(targets, grid.low, grid.edge), return_inverse=True)
+    around = voxels[:, None] + grid.offset
     first = torch.searchsorted(key, around - steps)
     length = torch.searchsorted(key, around + steps, right=True) - first
 
@@ -79,6 +68,38 @@ def pairs_within(
         begin = end
 
 
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Points in the order of their voxels: `key`, `order` (which point each is), `axes` (3, P).
+
+    `offset`: from a voxel to the columns of 2·`steps` + 1 voxels around it. `low`, `edge`: of the voxels.
+    """
+
+    key: Int[Tensor, " P"]
+    order: Int[Tensor, " P"]
+    axes: Float[Tensor, "3 P"]
+    offset: Int[Tensor, " columns"]
+    steps: int
+    low: Float[Tensor, "3"]
+    edge: float
+
+
+def _grid(points: Float[Tensor, "P 3"], low: Float[Tensor, "3"], radius: float) -> _Grid:
+    steps, edge = 1, radius
+    key = voxel_keys(points, low, edge)
+    if len(points) > CROWDED * len(torch.unique(key)):
+        steps, edge = 2, radius / 2
+        key = voxel_keys(points, low, edge)
+    key, order = torch.sort(key)
+    axes = points[order].T.contiguous()  # rows are gathered faster one by one
+    # voxels of one column along z follow each other in `key`: one range of points per column
+    step = torch.arange(-steps, steps + 1, device=points.device)
+    columns = torch.cartesian_prod(step, step)
+    columns = columns[(columns.abs() - 1).clamp_min(0).square().sum(1) < steps**2]
+    offset = (columns[:, 0] * KEY + columns[:, 1]) * KEY
+    return _Grid(key, order.to(torch.int32), axes, offset, steps, low, edge)
+
+
 def voxel_keys(points: Float[Tensor, "P 3"], low: Float[Tensor, "3"], edge: float) -> Int[Tensor, " P"]:
     """One number per voxel of `edge` [mm], counted from the corner `low`; ascends in x, then y, then z."""
     voxel = torch.floor((points - low) / edge).long() + MARGIN
@@ -100,6 +121,19 @@ class Neighbourhood:
 
 def neighbourhood(points: Float[Tensor, "P 3"], radius: float, cancel: Cancel | None = None) -> Neighbourhood:
     """All pairs of points closer than `radius` [mm]. Raises Cancelled."""
+    found = making(points)
+    if found is not None:
+        grid = _grid(points, points.amin(0), radius)
+        check_cancelled(cancel)
+        args = len(points), grid.key, grid.order, *grid.axes, len(grid.offset), grid.offset, grid.steps
+        count = torch.empty(len(points), dtype=torch.int32)
+        call(found.pairs, *args, radius**2, count, None, None, None)
+        check_cancelled(cancel)
+        start = starts(count)
+        column = torch.empty(int(start[-1]), dtype=torch.int32)
+        squared = torch.empty(int(start[-1]))
+        call(found.pairs, *args, radius**2, None, start, column, squared)
+        return Neighbourhood(start, column, squared)
     counts, columns, squares = [], [], []
     for pairs in pairs_within(points, points, radius):
         check_cancelled(cancel)

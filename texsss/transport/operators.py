@@ -18,9 +18,11 @@ import torch
 from texsss.errors import DomainError
 from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
-from texsss.transport.gutter import gutter_means
+from texsss.transport.gutter import fill_gutter, from_gutter, gutter_means
+from texsss.transport.kernels import Kernel
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
+from texsss.transport.loops import room
 from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.transport.smoothing import smoothing
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
@@ -43,20 +45,20 @@ class Step:
 
     variance: float
     source: int
-    kernel: Sparse
+    kernel: Kernel
     times: int
 
-    def of(self, x: Float[Tensor, "P C"]) -> Float[Tensor, "P C"]:
-        """`x` convolved."""
-        for _ in range(self.times):
-            x = self.kernel.times(x)
+    def of(self, x: Float[Tensor, "P C"], out: Float[Tensor, "P C"] | None = None) -> Float[Tensor, "P C"]:
+        """`x` convolved; in `out`, if there is one."""
+        for again in reversed(range(self.times)):
+            x = self.kernel.times(x, None if again else out)
         return x
 
     def back(self, x: Float[Tensor, "P C"]) -> Float[Tensor, "P C"]:
-        """The transpose of `of`: the kernel's measure makes it the same but for scales."""
-        assert self.kernel.measure is not None, "smoothing says its measure"
-        measure = self.kernel.measure[:, None].to(x)
-        return self.of(x / measure) * measure
+        """The transpose of `of`."""
+        for _ in range(self.times):
+            x = self.kernel.back(x)
+        return x
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +67,8 @@ class Operators:
 
     `variances` (K,) [mm²], in the order asked for. Results are numbered: 0 is the lightmap, then one per
     step, then those of all `levels`. `result` (K,): the number that each variance has. `area` (L,) [mm²]:
-    of the texels that the surface covers, which come first. `total` (W, L): what comes back of it over the
-    levels, for each of their Gaussians. `gutter` (P - L, L): what the other texels make of these.
+    of the texels that the surface covers, which come first. `share` (W, L): 1 / what comes back of it over
+    the levels, for each of their Gaussians. `gutter` (P - L, L): what the other texels make of these.
     """
 
     variances: Float[Tensor, " K"]
@@ -74,15 +76,8 @@ class Operators:
     steps: tuple[Step, ...]
     levels: tuple[Level, ...]
     area: Float[Tensor, " L"]
-    total: Float[Tensor, "W L"]
+    share: Float[Tensor, "W L"]
     gutter: Sparse
-
-    @property
-    def matrices(self) -> list[Sparse]:
-        """All of them; those of steps need no transpose."""
-        passes = [m for level in self.levels for b in level.blurs for m in b.along]
-        ways = [m for level in self.levels for m in (level.up, level.down)]
-        return [*(step.kernel for step in self.steps), *passes, *ways, self.gutter]
 
     @property
     def count(self) -> int:
@@ -92,7 +87,10 @@ class Operators:
     @property
     def bytes(self) -> int:
         """Memory of all matrices."""
-        return sum(matrix.bytes for matrix in self.matrices)
+        passes = [m for level in self.levels for b in level.blurs for m in b.along]
+        ways = [level.ways for level in self.levels]
+        held = [*(step.kernel for step in self.steps), *passes, *ways, self.gutter]
+        return sum(matrix.bytes for matrix in held) + 4 * self.share.numel()
 
     def only(self, chosen: Sequence[int]) -> "Operators":
         """Those of the `chosen` variances, by their places, and what these are made from."""
@@ -117,14 +115,14 @@ class Operators:
             used = len(levels) if own else used
         wide = [number - first for number in kept if number >= first]
         result = tuple(place[self.result[k]] for k in chosen)
-        variances, total = self.variances[list(chosen)], self.total[wide]
+        variances, share = self.variances[list(chosen)], self.share[wide]
         return replace(
             self,
             variances=variances,
             result=result,
             steps=tuple(steps),
             levels=tuple(levels[:used]),
-            total=total,
+            share=share,
         )
 
     def applied(self, values: Float[Tensor, "P C"]) -> Float[Tensor, "K P C"]:
@@ -138,29 +136,24 @@ class _Applied(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, operators: Operators) -> Tensor:
         ctx.operators = operators
-        covered, channels = len(operators.area), values.shape[1]
-        copies = values.new_empty(len(operators.result), *values.shape)
+        copies = room(values, len(operators.result), *values.shape)
         place = {number: k for k, number in reversed(list(enumerate(operators.result)))}
+        lightmap = values[: len(operators.area)]
 
-        def put(number: int, result: Tensor, total: Tensor | None = None) -> None:
-            if number not in place:
-                return
-            copy = copies[place[number]]
-            own = copy[:covered]
-            own.copy_(result) if total is None else torch.div(result, total[:, None], out=own)
-            copy[covered:] = operators.gutter.times(own)
+        def own(number: int) -> Tensor:
+            """Where a result goes; those not asked for, elsewhere."""
+            return copies[place[number]][: len(lightmap)] if number in place else torch.empty_like(lightmap)
 
-        made = [values[:covered]]
+        made = [lightmap]
         if 0 in place:
             copies[place[0]] = values
         for number, step in enumerate(operators.steps, 1):
-            made.append(step.of(made[step.source]))
-            put(number, made[-1])
+            made.append(step.of(made[step.source], own(number) if number in place else None))
         first = 1 + len(operators.steps)
         if operators.levels:
-            sums = over(operators.levels, made[0] * operators.area[:, None].to(values))
-            for k, x in enumerate(sums.split(channels, 1)):
-                put(first + k, x, operators.total[k].to(values))
+            wide = [own(number) for number in range(first, 1 + operators.count)]
+            over(operators.levels, lightmap, operators.area, wide, operators.share)
+        fill_gutter(operators.gutter, [copies[k] for number, k in place.items() if number])
         for k, number in enumerate(operators.result):
             if place[number] != k:
                 copies[k] = copies[place[number]]
@@ -172,21 +165,29 @@ class _Applied(torch.autograd.Function):
         (grad,) = grads
         covered, channels = len(operators.area), grad.shape[2]
         result = torch.zeros_like(grad[0])
-        sent = [grad.new_zeros(covered, channels) for _ in range(1 + operators.count)]
+        sent: list[Tensor | None] = [None] * (1 + operators.count)
+        asked = [(k, number) for k, number in enumerate(operators.result) if number]
+        for (_, number), part in zip(asked, from_gutter(operators.gutter, [grad[k] for k, _ in asked])):
+            sent[number] = _sum(sent[number], part)
         for k, number in enumerate(operators.result):
-            if number == 0:
+            if not number:
                 result += grad[k]
-            else:
-                sent[number] += grad[k, :covered] + operators.gutter.transpose.times(grad[k, covered:])
         first = 1 + len(operators.steps)
         for number, step in reversed(list(enumerate(operators.steps, 1))):
-            sent[step.source] += step.back(sent[number])
-        result[:covered] += sent[0]
+            if (own := sent[number]) is not None:
+                sent[step.source] = _sum(sent[step.source], step.back(own))
+        if (own := sent[0]) is not None:
+            result[:covered] += own
         if operators.levels:
-            wide = [own / total[:, None].to(own) for own, total in zip(sent[first:], operators.total)]
-            back = over_transposed(operators.levels, torch.cat(wide, 1))
+            empty = grad.new_zeros(covered, channels)
+            wide = [empty if own is None else own for own in sent[first:]]
+            back = over_transposed(operators.levels, wide, operators.share)
             result[:covered] += back * operators.area[:, None].to(back)
         return result, None
+
+
+def _sum(one: Tensor | None, other: Tensor) -> Tensor:
+    return other if one is None else one + other
 
 
 def surface_operators(
@@ -286,14 +287,15 @@ class _Builder:
             for variance in together:
                 blurs.append(blur(nodes, variance - held, self.cancel))
                 self.tell()
-            self.levels.append(Level(nodes.up, nodes.up.transpose, tuple(together), tuple(blurs)))
+            self.levels.append(Level(nodes.ways, tuple(together), tuple(blurs)))
             points = nodes.place
 
     def finished(self, variances: Float[Tensor, " K"], result: tuple[int, ...]) -> Operators:
         """All of it."""
         levels = tuple(self.levels)
-        total = self.area.new_empty(0, len(self.area))
+        wide = self.area.new_empty(sum(len(level.blurs) for level in levels), len(self.area), 1)
         if levels:
-            total = over(levels, self.area[:, None]).T.contiguous()
+            one = torch.ones_like(self.area)[:, None]
+            over(levels, one, self.area, list(wide), None)
         gutter = gutter_means(self.places, self.normal, len(self.place), self.cancel)
-        return Operators(variances, result, tuple(self.steps), levels, self.area, total, gutter)
+        return Operators(variances, result, tuple(self.steps), levels, self.area, 1 / wide[..., 0], gutter)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import torch
 
-from texsss.numerics.sparse import Sparse, starts
+from texsss.numerics.sparse import starts
+from texsss.transport.kernels import NEAR, WHOLE, Entries, Kernel, kernel_of
+from texsss.transport.loops import call, making
 from texsss.transport.neighbours import Neighbourhood
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 
@@ -24,34 +26,77 @@ def smoothing(
     edge: Float[Tensor, " P"],
     variance: float,
     cancel: Cancel | None = None,
-) -> Sparse:
-    """The Gaussian mean over points of `area` [mm²], about `edge` [mm] apart: rows sum to 1.
+) -> Kernel:
+    """The Gaussian mean over points of `area` [mm²], about `edge` [mm] apart.
 
-    Weights are exp(-d² (β_i + β_j) / 2) A_j. Where points are few for that, β is such that the row has
+    Weights are exp(-d² (β_i + β_j) / 2). Where points are few for that, β is such that the row has
     `variance` [mm²] as sampled and cut. Areas are above 0. Raises Cancelled.
     """
     typical = float(edge.median())
-    sharpness = 0.5 / sampled_width(variance, edge.clamp_max(UNEVEN * typical))
+    widest = 0.5 / sampled_width(variance, edge.clamp_max(UNEVEN * typical))
     coarse = variance < (COARSE * edge) ** 2
-    near = [_near(around, sharpness, rows) for rows in _rows(area, cancel)]
-    start = starts(torch.cat([part.count for part in near]))
-    column = torch.cat([part.column for part in near])
+    kind = _Looped if making(area, edge) is not None else _Listed
+    pairs, sharpness = kind(around, area, widest, cancel), widest
     for _ in range(ROUNDS):
-        sharper = sharpness.clone()
-        for rows, part in zip(_rows(area, cancel), near, strict=True):
-            weight = part.weight(sharpness, area, rows)
-            sums, moments = part.sums(weight), part.sums(weight * part.squared)
-            # two axes share the mean squared distance
-            wrong = moments / sums / (2 * variance)
-            sharper[rows] *= torch.where(coarse[rows] & (wrong > 0), wrong, 1).clamp(0.5, 2)
-        sharpness = sharper
-    value, total = area.new_empty(len(column)), torch.empty_like(area)
-    for rows, part in zip(_rows(area, cancel), near, strict=True):
-        weight = part.weight(sharpness, area, rows)
-        total[rows] = sums = part.sums(weight)
-        at = slice(int(start[rows.start]), int(start[rows.stop]))
-        value[at] = weight.mul_((1 / sums).repeat_interleave(part.count))
-    return Sparse(start, column, value, len(area), area * total)
+        check_cancelled(cancel)
+        sums, moments = pairs.moments(sharpness)
+        # two axes share the mean squared distance
+        wrong = moments / sums / (2 * variance)
+        sharpness = sharpness * torch.where(coarse & (wrong > 0), wrong, 1).clamp(0.5, 2)
+    return pairs.kernel(sharpness)
+
+
+class _Looped:
+    """The pairs that a kernel of sharpness `widest` reaches, as loops in C++ take them."""
+
+    def __init__(self, around: Neighbourhood, area: Tensor, widest: Tensor, cancel: Cancel | None):
+        self.area, self.found = area, making(area)
+        self.pairs = len(area), around.start, around.column, around.squared, widest, float(REACH**2)
+
+    def moments(self, sharpness: Tensor) -> tuple[Tensor, Tensor]:
+        """Sums of weight × area, and of that times the squared distance, of every row."""
+        assert self.found is not None
+        sums, moments = torch.empty(2, *sharpness.shape).unbind(0)
+        call(self.found.moments, *self.pairs, sharpness, self.area, sums, moments)
+        return sums, moments
+
+    def kernel(self, sharpness: Tensor) -> Kernel:
+        """The kernel of that sharpness."""
+        assert self.found is not None
+        args = *self.pairs, sharpness, self.area, float(WHOLE), NEAR
+        near, far = torch.empty(2, len(sharpness), dtype=torch.int32).unbind(0)
+        call(self.found.entries, *args, near, far, *[None] * 7)
+        near, far = starts(near), starts(far)
+        distance, weight = torch.empty(2, int(near[-1]), dtype=torch.int16).unbind(0)
+        column = torch.empty(int(far[-1]), dtype=torch.int32)
+        far_weight, total = column.to(torch.int16), torch.empty_like(self.area)
+        ways = near, distance, weight, far, column, far_weight
+        call(self.found.entries, *args, None, None, *ways, total)
+        return Kernel(Entries(*ways[:3]), Entries(*ways[3:]), self.area, 1 / total)
+
+
+class _Listed:
+    """The same by torch, some rows at a time."""
+
+    def __init__(self, around: Neighbourhood, area: Tensor, widest: Tensor, cancel: Cancel | None):
+        self.area, self.cancel = area, cancel
+        self.near = [_near(around, widest, rows) for rows in _rows(area, cancel)]
+
+    def moments(self, sharpness: Tensor) -> tuple[Tensor, Tensor]:
+        """Sums of weight × area, and of that times the squared distance, of every row."""
+        sums, moments = torch.empty_like(self.area), torch.empty_like(self.area)
+        for rows, part in zip(_rows(self.area, self.cancel), self.near, strict=True):
+            weight = part.weight(sharpness, rows).mul_(self.area.index_select(0, part.column))
+            sums[rows], moments[rows] = part.sums(weight), part.sums(weight * part.squared)
+        return sums, moments
+
+    def kernel(self, sharpness: Tensor) -> Kernel:
+        """The kernel of that sharpness."""
+        start = starts(torch.cat([part.count for part in self.near]))
+        column = torch.cat([part.column for part in self.near])
+        rows = zip(_rows(self.area, self.cancel), self.near, strict=True)
+        weight = torch.cat([part.weight(sharpness, own) for own, part in rows])
+        return kernel_of(start, column, weight, self.area)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +107,11 @@ class _Near:
     column: Int[Tensor, " M"]
     squared: Float[Tensor, " M"]
 
-    def weight(self, sharpness: Tensor, area: Tensor, rows: slice) -> Float[Tensor, " M"]:
-        """Of every pair, not yet to sum 1."""
+    def weight(self, sharpness: Tensor, rows: slice) -> Float[Tensor, " M"]:
+        """Of every pair, 1 for a point itself."""
         exponent = sharpness.index_select(0, self.column)
         exponent += sharpness[rows].repeat_interleave(self.count)
-        return exponent.mul_(self.squared).mul_(-0.5).exp_().mul_(area.index_select(0, self.column))
+        return exponent.mul_(self.squared).mul_(-0.5).exp_()
 
     def sums(self, values: Float[Tensor, " M"]) -> Float[Tensor, " rows"]:
         """Of every row."""

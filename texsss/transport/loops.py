@@ -1,0 +1,62 @@
+"""Loops in C++ behind the operators of the surface: float32 on the processor. Else torch does it, slower."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from texsss.numerics.native import library
+from texsss.types import Int, Tensor
+
+PRODUCTS = Path(__file__).with_name("products.cpp")
+PAIRS = Path(__file__).with_name("pairs.cpp")
+LARGE = 1 << 24  # bytes; from which new memory is asked for in large pages
+
+
+def products(*values: Tensor) -> ctypes.CDLL | None:
+    """The products of matrices with `values`; None where torch is to make them."""
+    return _found(PRODUCTS, values)
+
+
+def making(*values: Tensor) -> ctypes.CDLL | None:
+    """What makes the matrices from `values`; None where torch is to."""
+    return _found(PAIRS, values)
+
+
+def _found(source: Path, values: tuple[Tensor, ...]) -> ctypes.CDLL | None:
+    if any(v.dtype != torch.float32 or v.device.type != "cpu" for v in values):
+        return None
+    return library(source, {})
+
+
+def call(function: Callable[..., Any], *args: Tensor | int | float | None) -> None:
+    """`function` of tensors by their addresses, whole numbers of 64 bits and floats, on torch's threads.
+
+    Tensors are to be contiguous, of the types that the loop expects; the last argument is added here.
+    """
+    function.restype = None
+    function(*map(_argument, args), ctypes.c_int64(torch.get_num_threads()))
+
+
+def _argument(value: Tensor | int | float | None) -> Any:
+    if isinstance(value, torch.Tensor):
+        return ctypes.c_void_p(value.data_ptr())
+    if isinstance(value, int):
+        return ctypes.c_int64(value)
+    return ctypes.c_void_p(None) if value is None else ctypes.c_float(value)
+
+
+def room(like: Tensor, *shape: int) -> Tensor:
+    """New memory of `shape`, its content undefined."""
+    made = like.new_empty(*shape)
+    size = made.numel() * made.element_size()
+    if size >= LARGE and (found := products(made)) is not None:
+        found.roomy(ctypes.c_void_p(made.data_ptr()), ctypes.c_int64(size))
+    return made
+
+
+def addresses(tensors: Sequence[Tensor]) -> Int[Tensor, " groups"]:
+    """Where each of them begins in memory."""
+    return torch.tensor([t.data_ptr() for t in tensors], dtype=torch.int64)

@@ -1,0 +1,160 @@
+// Which points lie within a radius of which, and the weights of Gaussians between them: the loops of
+// neighbours.py and smoothing.py, where the formulas stand, without arrays in between.
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <thread>
+#include <vector>
+
+template <class Work>
+static void parallel(int64_t count, int64_t threads, Work work) {
+  threads = std::max<int64_t>(1, std::min(threads, count));
+  std::vector<std::thread> others;
+  for (int64_t t = 1; t < threads; t++)
+    others.emplace_back([=] { work(count * t / threads, count * (t + 1) / threads); });
+  work(0, count / threads);
+  for (auto& other : others) other.join();
+}
+
+// exp of 0 and less, to 2e-7; loops over it become vectors
+static inline float decay(float x) {
+  x = x < -80.0f ? -80.0f : x;
+  const float turns = x * 1.442695041f - 0.5f;
+  const int whole = int(turns);  // towards 0: the nearest whole number, as turns are below 0
+  const float rest = (x - whole * 0.693359375f) + whole * 2.12194440e-4f;
+  float p = 1.9875691500e-4f;
+  p = p * rest + 1.3981999507e-3f;
+  p = p * rest + 8.3334519073e-3f;
+  p = p * rest + 4.1665795894e-2f;
+  p = p * rest + 1.6666665459e-1f;
+  p = p * rest + 5.0000001201e-1f;
+  p = p * rest * rest + rest + 1.0f;
+  const int32_t bits = (whole + 127) << 23;
+  float scale;
+  std::memcpy(&scale, &bits, 4);
+  return p * scale;
+}
+
+extern "C" {
+
+// Points in the order of their voxels' `key`; x, y, z are sorted so too, `order` says which each is. `offset`:
+// from a voxel to the `columns` around it, each a run of keys 2·`steps` + 1 long. Fills `count`, or, where that
+// is null, `column` and `squared` from `start` on.
+void pairs(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
+           int64_t columns, const int64_t* offset, int64_t steps, float radius_squared, int32_t* count,
+           const int32_t* start, int32_t* column, float* squared, int64_t threads) {
+  std::vector<int64_t> voxels;
+  for (int64_t i = 0; i < points; i++)
+    if (!i || key[i] != key[i - 1]) voxels.push_back(i);
+  const int64_t all = int64_t(voxels.size());
+  voxels.push_back(points);
+  parallel(all, threads, [&](int64_t first, int64_t last) {
+    std::vector<const int64_t*> low(columns), high(columns);
+    std::vector<int32_t> near;
+    std::vector<float> away;
+    for (int64_t v = first; v < last; v++) {
+      const int64_t here = key[voxels[v]];
+      int64_t candidates = 0;
+      for (int64_t c = 0; c < columns; c++) {  // voxels ascend, and so do the ends of ranges
+        const int64_t least = here + offset[c] - steps, most = here + offset[c] + steps;
+        if (v == first) {
+          low[c] = std::lower_bound(key, key + points, least);
+          high[c] = std::upper_bound(low[c], key + points, most);
+        }
+        while (low[c] < key + points && *low[c] < least) low[c]++;
+        while (high[c] < key + points && *high[c] <= most) high[c]++;
+        candidates += high[c] - low[c];
+      }
+      if (int64_t(near.size()) < candidates) near.resize(candidates), away.resize(candidates);
+      for (int64_t i = voxels[v]; i < voxels[v + 1]; i++) {
+        int64_t found = 0;
+        for (int64_t c = 0; c < columns; c++)
+          for (int64_t j = low[c] - key; j < high[c] - key; j++) {
+            const float a = x[j] - x[i], b = y[j] - y[i], d = z[j] - z[i], distance = a * a + b * b + d * d;
+            near[found] = int32_t(j), away[found] = distance;
+            found += distance < radius_squared;
+          }
+        if (count) {
+          count[order[i]] = int32_t(found);
+          continue;
+        }
+        const int64_t to = start[order[i]];
+        for (int64_t n = 0; n < found; n++) column[to + n] = order[near[n]], squared[to + n] = away[n];
+      }
+    }
+  });
+}
+
+// Per row: the sum of weights, and of weights times squared distances, over the pairs that `reach` keeps
+void moments(int64_t rows, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
+             float reach, const float* sharpness, const float* area, float* sum, float* moment, int64_t threads) {
+  parallel(rows, threads, [=](int64_t first, int64_t last) {
+    std::vector<float> weight;
+    for (int64_t i = first; i < last; i++) {
+      const int64_t from = start[i], n = start[i + 1] - from;
+      if (int64_t(weight.size()) < n) weight.resize(n);
+      float* w = weight.data();
+      const float own = sharpness[i], kept = widest[i];
+      for (int64_t k = 0; k < n; k++) {
+        const int32_t j = column[from + k];
+        const float d = squared[from + k], e = decay(-0.5f * (own + sharpness[j]) * d) * area[j];
+        w[k] = (kept + widest[j]) * d < reach ? e : 0.0f;
+      }
+      float total = 0, second = 0;
+      for (int64_t k = 0; k < n; k++) total += w[k], second += w[k] * squared[from + k];
+      sum[i] = total, moment[i] = second;
+    }
+  });
+}
+
+// Weights of 0 to `whole` of those pairs: near ones, less than `near_by` rows apart, and others. Fills the two
+// counts, or, where they are null, entries from the two starts on and the `total` of weight × area.
+void entries(int64_t rows, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
+             float reach, const float* sharpness, const float* area, float whole, int64_t near_by,
+             int32_t* near_count, int32_t* far_count, const int32_t* near, int16_t* distance, int16_t* weight,
+             const int32_t* far, int32_t* far_column, int16_t* far_weight, float* total, int64_t threads) {
+  parallel(rows, threads, [=](int64_t first, int64_t last) {
+    for (int64_t i = first; i < last; i++) {
+      int64_t p = near_count ? 0 : near[i], q = near_count ? 0 : far[i];
+      float sum = 0;
+      for (int64_t k = start[i]; k < start[i + 1]; k++) {
+        const int32_t j = column[k];
+        const float d = squared[k];
+        if (!((widest[i] + widest[j]) * d < reach)) continue;
+        const bool close = std::abs(j - i) < near_by;
+        if (near_count) {
+          (close ? p : q)++;
+          continue;
+        }
+        const int16_t w = int16_t(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * d) + 0.5f);
+        sum += float(w) * area[j];
+        if (close)
+          distance[p] = int16_t(j - i), weight[p++] = w;
+        else
+          far_column[q] = j, far_weight[q++] = w;
+      }
+      if (near_count)
+        near_count[i] = int32_t(p), far_count[i] = int32_t(q);
+      else
+        total[i] = sum;
+    }
+  });
+}
+
+// Runs of `source`, ascending, within `reach` along the last axis of each target's key: where they begin, and a
+// bit for every one that is there
+void runs(int64_t sources, const int64_t* source, int64_t targets, const int64_t* target, int64_t reach,
+          int32_t* first_of, int32_t* mask, int64_t threads) {
+  parallel(targets, threads, [=](int64_t first, int64_t last) {
+    for (int64_t i = first; i < last; i++) {
+      const int64_t low = target[i] - reach, high = target[i] + reach;
+      const int64_t* at = std::lower_bound(source, source + sources, low);
+      first_of[i] = int32_t(at - source);
+      uint32_t bits = 0;
+      for (; at < source + sources && *at <= high; at++) bits |= 1u << (*at - low);
+      mask[i] = int32_t(bits);
+    }
+  });
+}
+}
