@@ -22,7 +22,7 @@ from texsss.result import Baked
 from texsss.transport.bank import BUDGET_BYTES, Bank, Diffusion, diffusion, exitance, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.doubts import doubts
-from texsss.transport.kernels import Entries, Kernel
+from texsss.transport.kernels import Kernel
 from texsss.transport.lattice import Blur
 from texsss.transport.levels import Level
 from texsss.transport.march.interior import from_stack
@@ -39,7 +39,7 @@ from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
 # what results that last on disk are made of
-KINDS = (Operators, Step, Kernel, Entries, Level, Ways, Blur, Runs, Sparse)
+KINDS = (Operators, Step, Kernel, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 

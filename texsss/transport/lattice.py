@@ -47,7 +47,6 @@ def lattice(points: Float[Tensor, "P 3"], edge: float, cancel: Cancel | None = N
     fresh[1:] = own.diff() != 0
     cells, member = own[fresh], torch.empty(len(own), dtype=torch.int32, device=own.device)
     member[order] = fresh.cumsum(0, dtype=torch.int32) - 1
-    start = torch.cat([fresh.nonzero()[:, 0], order.new_tensor([len(order)])]).int()
     step = torch.cartesian_prod(*[torch.arange(2, device=points.device)] * 3)
     around = _key(*step.unbind(1))
     key = cells
@@ -57,7 +56,7 @@ def lattice(points: Float[Tensor, "P 3"], edge: float, cancel: Cancel | None = N
         [torch.searchsorted(key, cells + step, out_int32=True) for step in around.tolist()], 1
     )
     place = torch.stack([key >> 2 * AXIS, (key >> AXIS) & MASK, key & MASK], 1) - MARGIN
-    ways = Ways(member, beyond, corner, order.int(), start, len(key))
+    ways = Ways(member, beyond, corner, len(key))
     return Lattice(key, edge, place.to(points) * edge + low, ways)
 
 

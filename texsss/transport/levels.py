@@ -31,7 +31,7 @@ def over(
     out: Sequence[Float[Tensor, "P C"]],
     last: Float[Tensor, "W P"] | None,
 ) -> None:
-    """Put what all Gaussians of the levels make of `x` times `scale` into `out`, narrowest first, times `last`."""
+    """Put what all Gaussians of the levels make of `x` times `scale`, times `last`, into `out`."""
     channels = x.shape[1]
     held: list[Tensor] = []  # columns of one level: its own Gaussians, then room for those of wider ones
     wide, factor = sum(len(level.blurs) for level in levels), scale[None]
@@ -51,7 +51,7 @@ def over(
 def over_transposed(
     levels: tuple[Level, ...], parts: Sequence[Float[Tensor, "P C"]], scale: Float[Tensor, "W P"]
 ) -> Float[Tensor, "P C"]:
-    """The transpose of `over`: the sum of what every Gaussian makes of its own part, but for its first factor."""
+    """The transpose of `over` but for `x`'s factor: the sum of what Gaussians make of their own parts."""
     channels, held, factor = parts[0].shape[1], [], scale
     for level in levels:
         x = level.ways.down(parts, factor)

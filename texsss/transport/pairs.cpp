@@ -36,6 +36,33 @@ static inline float decay(float x) {
   return p * scale;
 }
 
+constexpr int STRIP = 16, ALIKE = 3;  // as in kernels.py
+
+// The distances between the points of some pairs, each once, in the order they were met
+struct Distances {
+  struct Entry {
+    int32_t distance, times, place;
+  };
+  std::vector<Entry> table;
+  std::vector<int32_t> used;
+  void clear(int64_t most) {
+    size_t size = 64;
+    while (size < size_t(2 * most)) size *= 2;
+    if (table.size() < size)
+      table.assign(size, {0, 0, -1});
+    else
+      for (int32_t slot : used) table[slot].times = 0;
+    used.clear();
+  }
+  Entry& at(int32_t distance) {
+    const size_t mask = table.size() - 1;
+    size_t slot = (uint32_t(distance) * 2654435761u >> 7) & mask;
+    while (table[slot].times && table[slot].distance != distance) slot = (slot + 1) & mask;
+    if (!table[slot].times) table[slot].distance = distance, used.push_back(int32_t(slot));
+    return table[slot];
+  }
+};
+
 extern "C" {
 
 // Points in the order of their voxels' `key`; x, y, z are sorted so too, `order` says which each is. `offset`:
@@ -108,36 +135,48 @@ void moments(int64_t rows, const int32_t* start, const int32_t* column, const fl
   });
 }
 
-// Weights of 0 to `whole` of those pairs: near ones, less than `near_by` rows apart, and others. Fills the two
-// counts, or, where they are null, entries from the two starts on and the `total` of weight × area.
-void entries(int64_t rows, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
-             float reach, const float* sharpness, const float* area, float whole, int64_t near_by,
-             int32_t* near_count, int32_t* far_count, const int32_t* near, int16_t* distance, int16_t* weight,
-             const int32_t* far, int32_t* far_column, int16_t* far_weight, float* total, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last) {
-    for (int64_t i = first; i < last; i++) {
-      int64_t p = near_count ? 0 : near[i], q = near_count ? 0 : far[i];
-      float sum = 0;
-      for (int64_t k = start[i]; k < start[i + 1]; k++) {
-        const int32_t j = column[k];
-        const float d = squared[k];
-        if (!((widest[i] + widest[j]) * d < reach)) continue;
-        const bool close = std::abs(j - i) < near_by;
-        if (near_count) {
-          (close ? p : q)++;
-          continue;
+// Weights of 0 to `whole` of those pairs. Of a strip of rows, distances between points that ALIKE rows or more
+// share, below `near`, are diagonals; other entries are single. Fills the two counts, or, where they are null,
+// entries from the two starts on (their weights 0 so far) and the `total` of weight × area.
+void entries(int64_t rows, const int32_t* from, const int32_t* point, const float* squared, const float* widest,
+             float reach, const float* sharpness, const float* area, float whole, int64_t near, int32_t* diagonals,
+             int32_t* singles, const int32_t* start, int32_t* distance, int16_t* weight, const int32_t* single,
+             int16_t* lane, int32_t* column, int16_t* single_weight, float* total, int64_t threads) {
+  const int64_t strips = (rows + STRIP - 1) / STRIP;
+  parallel(strips, threads, [=](int64_t first, int64_t last) {
+    Distances seen;
+    for (int64_t s = first; s < last; s++) {
+      const int64_t top = s * STRIP, end = std::min(rows, top + STRIP);
+      auto each = [&](auto work) {
+        for (int64_t i = top; i < end; i++)
+          for (int64_t k = from[i]; k < from[i + 1]; k++)
+            if ((widest[i] + widest[point[k]]) * squared[k] < reach) work(i, point[k], squared[k]);
+      };
+      seen.clear(from[end] - from[top]);
+      each([&](int64_t i, int64_t j, float) {
+        if (std::abs(j - i) < near) seen.at(int32_t(j - i)).times++;
+      });
+      int32_t p = diagonals ? 0 : start[s], q = diagonals ? 0 : single[s];
+      for (int32_t slot : seen.used) {
+        auto& entry = seen.table[slot];
+        entry.place = entry.times < ALIKE ? -1 : p++;
+        if (!diagonals && entry.place >= 0) distance[entry.place] = entry.distance;
+      }
+      if (!diagonals) std::fill(total + top, total + end, 0.0f);
+      each([&](int64_t i, int64_t j, float d) {
+        const int32_t place = std::abs(j - i) < near ? seen.at(int32_t(j - i)).place : -1;
+        if (diagonals) {
+          q += place < 0;
+          return;
         }
         const int16_t w = int16_t(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * d) + 0.5f);
-        sum += float(w) * area[j];
-        if (close)
-          distance[p] = int16_t(j - i), weight[p++] = w;
+        total[i] += float(w) * area[j];
+        if (place < 0)
+          lane[q] = int16_t(i - top), column[q] = int32_t(j), single_weight[q++] = w;
         else
-          far_column[q] = j, far_weight[q++] = w;
-      }
-      if (near_count)
-        near_count[i] = int32_t(p), far_count[i] = int32_t(q);
-      else
-        total[i] = sum;
+          weight[int64_t(place) * STRIP + i - top] = w;
+      });
+      if (diagonals) diagonals[s] = p, singles[s] = q;
     }
   });
 }

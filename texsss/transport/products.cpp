@@ -94,6 +94,57 @@ struct Groups {
   float factor(int64_t g, int64_t i) const { return scale ? scale[g * rows + i] : 1.0f; }
 };
 
+constexpr int STRIP = 16;  // rows whose entries stand side by side
+constexpr int GROUP = 8;   // rows of one length
+typedef float Strip __attribute__((vector_size(4 * STRIP)));
+typedef int16_t Whole __attribute__((vector_size(2 * STRIP)));
+
+template <int C>
+static void strips_times(int64_t first, int64_t last, int64_t rows, int64_t margin, int64_t plane,
+                         const int32_t* start, const int32_t* distance, const int16_t* weight, const int32_t* single,
+                         const int16_t* lane, const int32_t* column, const int16_t* single_weight, const float* after,
+                         int64_t count, const float* scaled, float* y) {
+  const float* in = scaled + margin;
+  for (int64_t s = first; s < last; s++) {
+    Strip sum[C] = {};
+    const float* here = in + s * STRIP;
+    for (int64_t p = start[s]; p < start[s + 1]; p++) {
+      Whole whole;
+      std::memcpy(&whole, weight + p * STRIP, sizeof whole);
+      const Strip w = __builtin_convertvector(whole, Strip);
+      for (int c = 0; c < C; c++) {
+        Strip held;
+        std::memcpy(&held, here + c * plane + distance[p], sizeof held);
+        sum[c] += w * held;
+      }
+    }
+    float own[C][STRIP];
+    std::memcpy(own, sum, sizeof own);
+    for (int64_t q = single[s]; q < single[s + 1]; q++)
+      for (int c = 0; c < C; c++) own[c][lane[q]] += float(single_weight[q]) * in[c * plane + column[q]];
+    const int64_t end = std::min<int64_t>(STRIP, rows - s * STRIP);
+    for (int64_t r = 0; r < end; r++)
+      for (int c = 0; c < C; c++) y[(s * STRIP + r) * count + c] = after[s * STRIP + r] * own[c][r];
+  }
+}
+
+// The taps whose bits are set, one after the other, and zeros
+static inline void packed_taps(uint32_t mask, const float* taps, float* factor) {
+#if MASKED
+  _mm512_storeu_ps(factor, _mm512_maskz_compress_ps(__mmask16(mask), _mm512_loadu_ps(taps)));
+  if (mask >> 16) {
+    const int n = __builtin_popcount(mask & 0xffff);
+    _mm512_mask_storeu_ps(factor + 16, 0xffff, _mm512_setzero_ps());
+    _mm512_mask_storeu_ps(factor + n, __mmask16(0xffff),
+                          _mm512_maskz_compress_ps(__mmask16(mask >> 16), _mm512_loadu_ps(taps + 16)));
+  } else
+    _mm512_storeu_ps(factor + 16, _mm512_setzero_ps());
+#else
+  std::fill(factor, factor + 32, 0.0f);
+  for (int n = 0; mask; mask &= mask - 1) factor[n++] = taps[__builtin_ctz(mask)];
+#endif
+}
+
 extern "C" {
 
 // Asks for large pages, where the system has some: new memory is dear page by page.
@@ -103,48 +154,54 @@ void roomy(float* from, int64_t bytes) {
   if (first < last) madvise((void*)first, last - first, MADV_HUGEPAGE);
 }
 
-// y = after · W (before · x), W of whole numbers: near entries by their distance in rows, others by their column
-void kernel_times(int64_t rows, const int32_t* near, const int16_t* distance, const int16_t* weight,
-                  const int32_t* far, const int32_t* column, const int16_t* far_weight, const float* before,
-                  const float* after, const float* x, int64_t count, float* scaled, float* y, int64_t threads) {
+// y = after · W (before · x), W of whole numbers: by diagonals of STRIP rows, and single entries. `scaled`: a
+// plane of `margin` + rows + `margin` + STRIP for every column.
+void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int32_t* distance, const int16_t* weight,
+                  const int32_t* single, const int16_t* lane, const int32_t* column, const int16_t* single_weight,
+                  const float* before, const float* after, const float* x, int64_t count, float* scaled, float* y,
+                  int64_t threads) {
+  const int64_t plane = rows + 2 * margin + STRIP, strips = (rows + STRIP - 1) / STRIP;
   parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
-    for (int64_t i = first; i < last; i++)
-      for (int64_t c = 0; c < count; c++) scaled[i * count + c] = before[i] * x[i * count + c];
+    for (int64_t c = 0; c < count; c++) {
+      float* to = scaled + c * plane + margin;
+      for (int64_t i = first; i < last; i++) to[i] = before[i] * x[i * count + c];
+      if (first == 0) std::fill(to - margin, to, 0.0f);
+      if (last == rows) std::fill(to + rows, to + rows + margin + STRIP, 0.0f);
+    }
   });
-  parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
-    blocks(count, [=](auto columns, int64_t c) {
-      typedef typename decltype(columns)::T T;
-      const float* in = scaled + c;
-      for (int64_t i = first; i < last; i++) {
-        T even{}, odd{};
-        int64_t p = near[i];
-        const int64_t end = near[i + 1];
-        const float* here = in + i * count;
-        for (; p + 1 < end; p += 2) {
-          even += float(weight[p]) * columns.load(here + distance[p] * count);
-          odd += float(weight[p + 1]) * columns.load(here + distance[p + 1] * count);
-        }
-        if (p < end) even += float(weight[p]) * columns.load(here + distance[p] * count);
-        for (int64_t q = far[i]; q < far[i + 1]; q++)
-          odd += float(far_weight[q]) * columns.load(in + int64_t(column[q]) * count);
-        columns.store(y + i * count + c, after[i] * (even + odd));
-      }
-    });
+  parallel(strips, threads, [=](int64_t first, int64_t last, int64_t) {
+    if (count == 3)
+      strips_times<3>(first, last, rows, margin, plane, start, distance, weight, single, lane, column, single_weight,
+                      after, count, scaled, y);
+    else
+      for (int64_t c = 0; c < count; c++)
+        strips_times<1>(first, last, rows, margin, plane, start, distance, weight, single, lane, column,
+                        single_weight, after, count, scaled + c * plane, y + c);
   });
 }
 
-// Row i: taps[b] for every bit b of mask[i], of consecutive rows of x from first[i] on
-void runs_times(int64_t rows, const int32_t* first_of, const int32_t* mask, const float* taps, const float* x,
-                int64_t pitch, int64_t count, float* y, int64_t y_pitch, int64_t threads) {
+// Row i: taps[b] for every bit b of mask[i], of consecutive ones of the `columns` rows of x from first[i] on
+void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const int32_t* mask, const float* taps,
+                const float* x, int64_t pitch, int64_t count, float* y, int64_t y_pitch, int64_t threads) {
   parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
-    blocks(count, [=](auto columns, int64_t c) {
-      typedef typename decltype(columns)::T T;
-      for (int64_t i = first; i < last; i++) {
-        T sum{};
-        const float* in = x + int64_t(first_of[i]) * pitch + c;
-        for (uint32_t left = uint32_t(mask[i]); left; left &= left - 1, in += pitch)
-          sum += taps[__builtin_ctz(left)] * columns.load(in);
-        columns.store(y + i * y_pitch + c, sum);
+    blocks(count, [=](auto some, int64_t c) {
+      typedef typename decltype(some)::T T;
+      float factor[GROUP][32];
+      for (int64_t i = first; i < last; i += GROUP) {
+        const int rest = int(std::min<int64_t>(GROUP, last - i));
+        int most = 0;  // one length for all of a group: where loops end is hard to foretell
+        for (int r = 0; r < rest; r++) {
+          packed_taps(uint32_t(mask[i + r]), taps, factor[r]);
+          most = std::max(most, __builtin_popcount(uint32_t(mask[i + r])));
+        }
+        for (int r = 0; r < rest; r++) {
+          T sum{};
+          const int64_t from = first_of[i + r];
+          const float* in = x + from * pitch + c;
+          const int length = int(std::min<int64_t>(most, columns - from));
+          for (int k = 0; k < length; k++, in += pitch) sum += factor[r][k] * some.load(in);
+          some.store(y + (i + r) * y_pitch + c, sum);
+        }
       }
     });
   });
@@ -156,10 +213,10 @@ static inline void corner_weights(const float* beyond, float w[8]) {
   for (int i = 0; i < 4; i++) w[2 * i] = xy[i] * (1 - z), w[2 * i + 1] = xy[i] * z;
 }
 
-// From nodes to points; columns of x are those of all groups
+// From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
 void ways_up(int64_t points, const int32_t* member, const float* beyond, const int32_t* corner, const float* x,
-             const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale,
-             int64_t threads) {
+             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
+             const float* scale, int64_t threads) {
   const Groups out{address, groups, each, pitch, points, scale};
   const int64_t count = groups * each;
   parallel(points, threads, [=](int64_t first, int64_t last, int64_t) {
@@ -170,58 +227,50 @@ void ways_up(int64_t points, const int32_t* member, const float* beyond, const i
       const int32_t* node = corner + 8 * int64_t(member[i]);
       blocks(count, [&](auto columns, int64_t c) {
         typename decltype(columns)::T sum{};
-        for (int k = 0; k < 8; k++) sum += w[k] * columns.load(x + int64_t(node[k]) * count + c);
+        for (int k = 0; k < 8; k++) sum += w[k] * columns.load(x + int64_t(node[k]) * x_pitch + c);
         columns.store(row.data() + c, sum);
       });
-      for (int64_t g = 0; g < groups; g++) {
-        const float factor = out.factor(g, i);
-        float* to = out.row(g, i);
-        for (int64_t c = 0; c < each; c++) to[c] = factor * row[g * each + c];
-      }
+      for (int64_t g = 0; g < groups; g++)
+        blocks(each, [&](auto columns, int64_t c) {
+          columns.store(out.row(g, i) + c, out.factor(g, i) * columns.load(row.data() + g * each + c));
+        });
     }
   });
 }
 
-// The transpose: cells in turn, each with its points; `spare` (threads - 1, nodes × columns). Both start at 0.
-void ways_down(int64_t points, int64_t cells, const int32_t* start, const int32_t* order, const float* beyond,
-               const int32_t* corner, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
-               const float* scale, int64_t nodes, float* y, float* spare, int64_t threads) {
+// The transpose. y (nodes, y_pitch), a multiple of 16 for more than 8 columns, of 8 for more than 4, of 4 for more
+// than 1; `spare` (threads - 1) as much. Both start at 0.
+void ways_down(int64_t points, const int32_t* member, const float* beyond, const int32_t* corner,
+               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale, int64_t nodes,
+               float* y, int64_t y_pitch, float* spare, int64_t threads) {
   const Groups in{address, groups, each, pitch, points, scale};
-  const int64_t count = groups * each, size = nodes * count;
-  parallel(cells, threads, [=](int64_t first, int64_t last, int64_t t) {
+  const int64_t count = groups * each, size = nodes * y_pitch;
+  parallel(points, threads, [=](int64_t first, int64_t last, int64_t t) {
     float* to = t ? spare + (t - 1) * size : y;
-    std::vector<float> row(count + 16), sums(8 * (count + 16));
-    for (int64_t cell = first; cell < last; cell++) {
-      std::fill(sums.begin(), sums.end(), 0.0f);
-      for (int64_t p = start[cell]; p < start[cell + 1]; p++) {
-        const int64_t i = order[p];
-        float w[8];
-        corner_weights(beyond + 3 * i, w);
-        for (int64_t g = 0; g < groups; g++) {
-          const float factor = in.factor(g, i);
-          const float* from = in.row(g, i);
-          for (int64_t c = 0; c < each; c++) row[g * each + c] = factor * from[c];
-        }
-        blocks(count, [&](auto columns, int64_t c) {
-          const auto held = columns.load(row.data() + c);
-          for (int k = 0; k < 8; k++) {
-            float* sum = sums.data() + k * (count + 16) + c;
-            columns.store(sum, columns.load(sum) + w[k] * held);
-          }
+    std::vector<float> row(count + 16);
+    for (int64_t i = first; i < last; i++) {
+      float w[8];
+      corner_weights(beyond + 3 * i, w);
+      const int32_t* node = corner + 8 * int64_t(member[i]);
+      for (int64_t g = 0; g < groups; g++)
+        blocks(each, [&](auto columns, int64_t c) {
+          columns.store(row.data() + g * each + c, in.factor(g, i) * columns.load(in.row(g, i) + c));
         });
-      }
-      const int32_t* node = corner + 8 * cell;
       blocks(count, [&](auto columns, int64_t c) {
-        for (int k = 0; k < 8; k++) {
-          float* at = to + int64_t(node[k]) * count + c;
-          columns.store(at, columns.load(at) + columns.load(sums.data() + k * (count + 16) + c));
+        const auto held = columns.load(row.data() + c);
+        for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
+          float* at = to + int64_t(node[k]) * y_pitch + c;
+          decltype(columns.load(at)) sum;
+          std::memcpy(&sum, at, sizeof sum);
+          sum += w[k] * held;
+          std::memcpy(at, &sum, sizeof sum);
         }
       });
     }
   });
   if (threads > 1)
     parallel(size, threads, [=](int64_t first, int64_t last, int64_t) {
-      for (int64_t t = 0; t + 1 < threads; t++)
+      for (int64_t t = 0; t + 1 < std::min(threads, points); t++)
         for (int64_t i = first; i < last; i++) y[i] += spare[t * size + i];
     });
 }

@@ -38,9 +38,9 @@ class Runs:
             return made if out is None else out.copy_(made)
         x = x if x.stride(1) == 1 else x.contiguous()
         made = x.new_empty(len(self.first), x.shape[1]) if out is None else out
-        rows, pitches = len(self.first), (x.stride(0), made.stride(0))
-        args = self.first, self.mask, self.taps, x, pitches[0], x.shape[1], made, pitches[1]
-        call(found.runs_times, rows, *args)
+        taps = torch.nn.functional.pad(self.taps, (0, MOST_TAPS - len(self.taps)))
+        args = len(self.first), self.columns, self.first, self.mask, taps
+        call(found.runs_times, *args, x, x.stride(0), x.shape[1], made, made.stride(0))
         return made
 
     @cached_property

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.numerics.sparse import starts
-from texsss.transport.kernels import NEAR, WHOLE, Entries, Kernel, kernel_of
+from texsss.transport.kernels import NEAR, STRIP, WHOLE, Kernel, kernel_of
 from texsss.transport.loops import call, making
 from texsss.transport.neighbours import Neighbourhood
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
@@ -64,15 +64,18 @@ class _Looped:
         """The kernel of that sharpness."""
         assert self.found is not None
         args = *self.pairs, sharpness, self.area, float(WHOLE), NEAR
-        near, far = torch.empty(2, len(sharpness), dtype=torch.int32).unbind(0)
-        call(self.found.entries, *args, near, far, *[None] * 7)
-        near, far = starts(near), starts(far)
-        distance, weight = torch.empty(2, int(near[-1]), dtype=torch.int16).unbind(0)
-        column = torch.empty(int(far[-1]), dtype=torch.int32)
-        far_weight, total = column.to(torch.int16), torch.empty_like(self.area)
-        ways = near, distance, weight, far, column, far_weight
-        call(self.found.entries, *args, None, None, *ways, total)
-        return Kernel(Entries(*ways[:3]), Entries(*ways[3:]), self.area, 1 / total)
+        strips = -(-len(sharpness) // STRIP)
+        diagonals, singles = torch.empty(2, strips, dtype=torch.int32).unbind(0)
+        call(self.found.entries, *args, diagonals, singles, *[None] * 8)
+        start, single = starts(diagonals), starts(singles)
+        distance = torch.empty(int(start[-1]), dtype=torch.int32)
+        weight = torch.zeros(len(distance), STRIP, dtype=torch.int16)
+        column = torch.empty(int(single[-1]), dtype=torch.int32)
+        lane, single_weight = torch.empty(2, len(column), dtype=torch.int16).unbind(0)
+        total = torch.empty_like(self.area)
+        made = start, distance, weight, single, lane, column, single_weight
+        call(self.found.entries, *args, None, None, *made, total)
+        return Kernel(*made, self.area, 1 / total)
 
 
 class _Listed:

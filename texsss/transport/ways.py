@@ -11,27 +11,26 @@ from texsss.numerics.sparse import Sparse
 from texsss.transport.loops import addresses, call, products, room
 from texsss.types import Float, Int, Tensor
 
+WIDTHS = 1, 4, 8, 16  # of vectors, in columns
+
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """Trilinear weights between points and nodes.
 
     `member` (P,): the cell that each point is in; `beyond` (P, 3): where, in edges from its first corner;
-    `corner` (cells, 8): nodes, z fastest. `order` (P,): points cell by cell, each cell's from `start` (cells + 1)
-    on. `nodes`: how many there are.
+    `corner` (cells, 8): nodes, z fastest. `nodes`: how many there are.
     """
 
     member: Int[Tensor, " P"]
     beyond: Float[Tensor, "P 3"]
     corner: Int[Tensor, "cells 8"]
-    order: Int[Tensor, " P"]
-    start: Int[Tensor, " starts"]
     nodes: int
 
     @property
     def bytes(self) -> int:
         """Memory that it takes."""
-        held = self.member, self.beyond, self.corner, self.order, self.start
+        held = self.member, self.beyond, self.corner
         return sum(part.numel() * part.element_size() for part in held)
 
     def up(
@@ -55,7 +54,8 @@ class Ways:
         made = room(x, len(self.member), x.shape[1]) if out is None else None
         parts = [made] if made is not None else list(out or ())
         where = addresses(parts)
-        args = self.member, self.beyond, self.corner, x.contiguous(), where, len(parts), *_layout(parts[0])
+        x = x if x.stride(1) == 1 else x.contiguous()
+        args = self.member, self.beyond, self.corner, x, x.stride(0), where, len(parts), *_layout(parts[0])
         call(found.ways_up, len(self.member), *args, scale)
         return made
 
@@ -70,20 +70,12 @@ class Ways:
             return self._plain.transpose.times(torch.cat(scaled, 1))
         if any(part.stride() != (x.stride(0), 1) for part in parts):
             parts = [part.contiguous() for part in parts]
-        made = torch.zeros(self.nodes, count)
-        spare = torch.zeros(max(torch.get_num_threads() - 1, 0), self.nodes, count)
-        args = (
-            self.start,
-            self.order,
-            self.beyond,
-            self.corner,
-            addresses(parts),
-            len(parts),
-            *_layout(parts[0]),
-        )
-        points, cells = len(self.member), len(self.corner)
-        call(found.ways_down, points, cells, *args, scale, self.nodes, made, spare)
-        return made
+        wide = next((width for width in WIDTHS if width >= count), -(-count // WIDTHS[-1]) * WIDTHS[-1])
+        made = torch.zeros(self.nodes, wide)
+        spare = torch.zeros(max(torch.get_num_threads() - 1, 0), self.nodes, wide)
+        args = self.member, self.beyond, self.corner, addresses(parts), len(parts), *_layout(parts[0]), scale
+        call(found.ways_down, len(self.member), *args, self.nodes, made, wide, spare)
+        return made[:, :count]
 
     @cached_property
     def _plain(self) -> Sparse:
