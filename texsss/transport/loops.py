@@ -1,7 +1,7 @@
 """Loops in C++ behind the operators of the surface: float32 on the processor. Else torch does it, slower."""
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ def _found(source: Path, values: tuple[Tensor, ...]) -> ctypes.CDLL | None:
     return library(source, {})
 
 
-def call(function: Callable[..., Any], *args: Tensor | int | float | None) -> None:
+def call(function: Any, *args: Tensor | int | float | None) -> None:
     """`function` of tensors by their addresses, whole numbers of 64 bits and floats, on torch's threads.
 
     Tensors are to be contiguous, of the types that the loop expects; the last argument is added here.
