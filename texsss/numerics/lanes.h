@@ -44,6 +44,15 @@ static inline V inverse_root(V a) {
   return r;
 #endif
 }
+static inline I gathered(const int32_t* from, I at) {
+#if defined(__AVX512F__)
+  return (I)_mm512_i32gather_epi32((__m512i)at, from, 4);
+#else
+  I r = {};
+  for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
+  return r;
+#endif
+}
 static inline V load(const float* p) {
   V r = {};
   std::memcpy(&r, p, sizeof r);

@@ -7,7 +7,7 @@
 struct Diffusion {
   struct Diffusive {
     bool endless;
-    V rate, d2, into, tau, beam, down, up;
+    V rate, d2, into, tau[BEAMS], beam[BEAMS], down[BEAMS], up[BEAMS];
   };
   std::vector<Diffusive> layers;
   V out;
@@ -20,20 +20,22 @@ struct Diffusion {
     V below = all(float(ends[1]));
     for (int k = L - 1; k >= 0; k--) {
       const Layer& layer = given[k];
-      const Light& light = lights[k];
       Diffusive& here = layers[k];
-      V D = (2 - layer.sigma_s / layer.sigma) / (3 * layer.sigma);
-      V rate = layer.sigma_a / D + TINY, flux = D * float(layer.eta * layer.eta);
+      V per = inverse(layer.sigma), D = (2 - layer.sigma_s * per) * per * (1 / 3.f);
+      V rate = layer.sigma_a * inverse(D) + TINY, flux = D * float(layer.eta * layer.eta);
       here.endless = endless && k == L - 1;
+      for (int j = 0; j < BEAMS; j++) {
+        const Light& light = lights[k * BEAMS + j];
+        V strength = here.endless ? light.source : light.source * layer.d;
+        here.tau[j] = here.endless ? light.sigma : light.tau, here.beam[j] = light.beam;
+        here.down[j] = strength * light.down, here.up[j] = strength * light.up;
+      }
       if (here.endless) {
-        here.rate = rate, here.tau = light.sigma, here.down = light.source * light.down;
-        below = flux;
+        here.rate = rate, below = flux;
         continue;
       }
       V d = layer.d + 1e-15f;
-      here.d2 = d * d, here.rate = rate * here.d2 + 1e-30f, here.into = below * d / flux;
-      here.tau = light.tau, here.beam = light.beam;
-      here.down = light.source * layer.d * light.down, here.up = light.source * layer.d * light.up;
+      here.d2 = d * d, here.rate = rate * here.d2 + 1e-30f, here.into = below * d * inverse(flux);
       below = flux / d;
     }
     out = below / float(ends[0]);
@@ -46,12 +48,12 @@ struct Diffusion {
       const Diffusive& here = layers[k];
       if (here.endless) {
         admittance = root(here.rate + s2);
-        response = here.down * inverse(here.tau + admittance);
+        for (int j = 0; j < BEAMS; j++) response += here.down[j] * inverse(here.tau[j] + admittance);
         continue;
       }
       V part = inverse(whole), Gd = here.into * admittance * part;
       Crossing mode = crossing(here.rate + s2 * here.d2);
-      Lit light = lit(mode, &here.tau, &here.beam, &here.down, &here.up, 1, mirrored);
+      Lit light = lit(mode, here.tau, here.beam, here.down, here.up, mirrored);
       whole = mode.c + Gd;
       response = light.near * whole + mode.k * (light.far + response * part);
       admittance = mode.squared + Gd * mode.c;

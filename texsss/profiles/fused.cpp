@@ -10,15 +10,15 @@ constexpr float DETOUR = 2, FEW = 1e-6f;
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
 struct Header {
-  int32_t sp3, layers, channels, endless, below, once, twice, deflected, directions, exits, sets, terms, frequencies;
+  int32_t sp3, layers, channels, endless, below, once, twice, deflected, exits, sets, terms, frequencies;
 };
 
 struct Asked {
   Header h;
-  const double* eta;
-  const Direction* directions;
+  std::vector<double> etas;
+  Direction directions[BEAMS];
   const double* ends;
-  const Exit* exits[2];
+  std::vector<Exit> exits[2];  // as seen from above, and from below
   const Parameters* sets[2];
 
   Asked(const Header& header, const double* numbers) : h(header) {
@@ -27,76 +27,73 @@ struct Asked {
       numbers += count;
       return here;
     };
-    eta = next(h.layers);
-    directions = (const Direction*)next(4 * h.directions);
+    const double* given = next(h.layers);
+    etas.assign(given, given + h.layers);
+    for (Direction& direction : directions) {
+      const double* from = next(4);
+      direction.share = float(from[1]), direction.top = float(from[2]), direction.bottom = float(from[3]);
+      for (double eta : etas) direction.cosines.push_back(float(refracted(from[0], etas[0], eta)));
+    }
     ends = next(2);
     for (int side = 0; side < 2; side++) {
-      exits[side] = (const Exit*)next(4 * h.exits);
+      std::vector<double> seen = etas;
+      if (side) seen.assign(etas.rbegin(), etas.rend());
+      for (int i = 0; i < h.exits; i++) {
+        const double* from = next(4);
+        exits[side].push_back(exit_at(from[0], from[1], from[2], from[3], seen));
+      }
       sets[side] = (const Parameters*)next(31 * h.sets);
     }
   }
 };
 
-struct Stack {
-  Layers layers, white, turned_layers;
-  Lights lights, lit, turned_lights;
-};
-
 struct Solver {
   const Asked& asked;
+  const Header& h;
+  const bool endless;
   Diffusion diffusion;
-  Once reduced, truly, helper;
+  Once reduced, truly;
+  White white;
   std::vector<Sweep> sweeps, others;
-  Stack stack;
-  Layers unreduced;
-  Lights unreduced_lights;
+  Layers layers, below, pale, unreduced;  // from the surface inwards, from below; without absorption; in truth
+  Lights lights, beneath, shining, unreduced_lights;
   V factor;
 
-  explicit Solver(const Asked& a) : asked(a), sweeps(a.h.sets), others(a.h.sets) {}
+  explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets) {}
 
-  // `stack.layers` from the surface inwards are given; `g` still tells of the true coefficients
+  // Of `layers`, which are given; their g still tells of the true coefficients
   void prepare() {
-    const Header& h = asked.h;
-    const bool endless = h.endless;
-    light_in(stack.layers, endless, asked.directions, h.directions, stack.lights);
-    const Layers* layers = &stack.layers;
-    const Lights* lights = &stack.lights;
-    if (h.below) {
-      turned(stack.layers, stack.lights, h.directions, stack.turned_layers, stack.turned_lights);
-      layers = &stack.turned_layers, lights = &stack.turned_lights;
-    }
+    light_in(layers, endless, asked.directions, lights);
+    if (h.below) turned(layers, lights, below, beneath);
+    const Layers& seen = h.below ? below : layers;
+    const Lights& falling = h.below ? beneath : lights;
     if (!h.sp3) {
-      diffusion.prepare(*layers, *lights, endless, asked.ends);
+      diffusion.prepare(seen, falling, endless, asked.ends);
       return;
     }
-    const Exit* exits = asked.exits[h.below];
-    if (h.once || h.deflected) reduced.prepare(*layers, *lights, h.directions, endless, exits, h.exits, false);
-    if (h.deflected) prepare_truly(exits);
+    if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
+    if (h.deflected) prepare_truly();
     if (!h.twice) return;
-    for (int i = 0; i < h.sets; i++)
-      sweeps[i].prepare(*layers, *lights, h.directions, endless, asked.sets[h.below][i]);
+    for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
     factor = furnace();
     if (!h.deflected) return;
     V more = factor * swept(sweeps, 0), handed = survival() * (reduced.at(0) - truly.at(0));
     factor *= positive(1 + handed / (more + 1e-20f));
   }
 
-  void prepare_truly(const Exit* exits) {
-    const Header& h = asked.h;
-    unreduced = stack.layers;
+  void prepare_truly() {
+    unreduced = layers;
     for (Layer& layer : unreduced) {
       layer.sigma_s /= 1 - layer.g;
       layer.sigma = greater(layer.sigma_a + layer.sigma_s, all(CLEAR));
     }
-    light_in(unreduced, h.endless, asked.directions, h.directions, unreduced_lights);
+    light_in(unreduced, endless, asked.directions, unreduced_lights);
     if (h.below) {
-      Layers layers;
-      Lights lights;
-      turned(unreduced, unreduced_lights, h.directions, layers, lights);
-      truly.prepare(layers, lights, h.directions, h.endless, exits, h.exits, true);
-    } else {
-      truly.prepare(unreduced, unreduced_lights, h.directions, h.endless, exits, h.exits, true);
+      const Layers from = unreduced;
+      const Lights light = unreduced_lights;
+      turned(from, light, unreduced, unreduced_lights);
     }
+    truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true);
   }
 
   static V swept(const std::vector<Sweep>& sweeps, float s) {
@@ -107,52 +104,43 @@ struct Solver {
 
   // What multiple scattering lacks for the same stack without absorption to return all light
   V furnace() {
-    const Header& h = asked.h;
-    stack.white = stack.layers, stack.lit = stack.lights;
-    for (int k = 0; k < h.layers; k++) {
-      Layer& layer = stack.white[k];
-      layer.sigma_a = V{}, layer.sigma_s = layer.sigma;
-      for (int j = 0; j < h.directions; j++) {
-        Light& light = stack.lit[k * h.directions + j];
-        light.source = layer.sigma * float(light.share / light.cosine);
-      }
-    }
-    V lacking = 1 - ballistic(stack.lights, h.endless, asked.directions, h.directions), have = {};
-    for (int side = 0; side < (h.endless ? 1 : 2); side++) {
-      const Layers* layers = &stack.white;
-      const Lights* lights = &stack.lit;
+    V lacking = 1 - ballistic(lights, endless, asked.directions), have = {};
+    for (int side = 0; side < (endless ? 1 : 2); side++) {
       if (side) {
-        turned(stack.white, stack.lit, h.directions, stack.turned_layers, stack.turned_lights);
-        layers = &stack.turned_layers, lights = &stack.turned_lights;
+        turned(layers, lights, pale, shining);
+      } else {
+        pale = layers, shining = lights;
       }
-      helper.prepare(*layers, *lights, h.directions, h.endless, asked.exits[side], h.exits, false);
-      lacking -= helper.at(0);
-      for (int i = 0; i < h.sets; i++)
-        others[i].prepare(*layers, *lights, h.directions, h.endless, asked.sets[side][i]);
+      for (int k = 0; k < h.layers; k++) {
+        Layer& layer = pale[k];
+        layer.sigma_a = V{}, layer.sigma_s = layer.sigma;
+        for (int j = 0; j < BEAMS; j++) {
+          Light& light = shining[k * BEAMS + j];
+          light.source = layer.sigma * (light.share / light.cosine);
+        }
+      }
+      lacking -= white.all_of(pale, shining, endless, asked.exits[side]);
+      for (int i = 0; i < h.sets; i++) others[i].prepare(pale, shining, endless, asked.sets[side][i]);
       have += swept(others, 0);
     }
-    return greater(lesser((lacking + FEW) / (have + FEW), all(2)), all(0.5f));
+    return greater(lesser((lacking + FEW) * inverse(have + FEW), all(2)), all(0.5f));
   }
 
   // Share that is left of light bound outwards in the reduced medium, and inwards in truth
   V survival() const {
-    const Header& h = asked.h;
     V left = {}, total = all(TINY);
     for (int k = 0; k < h.layers; k++)
-      for (int j = 0; j < h.directions; j++) {
-        const Light& light = stack.lights[k * h.directions + j];
-        V onwards = k + 1 < h.layers ? stack.lights[(k + 1) * h.directions + j].down
-                    : h.endless      ? V{}
-                                     : light.down * light.beam;
-        V scattered = float(light.share) * (light.down - onwards);
-        left += scattered * decay(DETOUR * stack.layers[k].sigma_a / stack.layers[k].sigma);
+      for (int j = 0; j < BEAMS; j++) {
+        const Light& light = lights[k * BEAMS + j];
+        V onwards = k + 1 < h.layers ? lights[(k + 1) * BEAMS + j].down : endless ? V{} : light.down * light.beam;
+        V scattered = light.share * (light.down - onwards);
+        left += scattered * decay(DETOUR * layers[k].sigma_a / layers[k].sigma);
         total += scattered;
       }
     return left / total;
   }
 
   V at(float s) const {
-    const Header& h = asked.h;
     if (!h.sp3) return diffusion.at(s);
     V total = {};
     if (h.once) total = h.deflected ? truly.at(s) : reduced.at(s);
@@ -173,27 +161,26 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
   __builtin_ia32_ldmxcsr(state | 0x8040);  // denormal numbers are 0: they take a hundred times longer
 #endif
   Solver solver(asked);
-  solver.stack.layers.resize(h.layers);
+  solver.layers.resize(h.layers);
   std::vector<V> spectrum(h.frequencies);
   for (int64_t block = first * C; block < last * C; block += WIDTH) {
     const int lanes = int(last * C - block < WIDTH ? last * C - block : WIDTH);
-    int64_t row[WIDTH], channel[WIDTH];
-    row[0] = block / C, channel[0] = block - row[0] * C;
-    for (int i = 1; i < WIDTH; i++) {  // the last column again where there are no more
-      const int64_t next = channel[i - 1] + (i < lanes);
-      channel[i] = next == C ? 0 : next, row[i] = row[i - 1] + (next == C);
+    const int64_t start = block / C;
+    int row = 0, channel = int(block - start * C), to[WIDTH];
+    I rows = {}, channels = {}, from[4];
+    for (int i = 0; i < WIDTH; i++) {
+      rows[i] = row, channels[i] = channel, to[i] = row * h.terms * C + channel;
+      if (i + 1 < lanes && ++channel == C) channel = 0, row++;  // the last column again where there are no more
     }
+    for (int f = 0; f < 4; f++) from[f] = rows * int(strides[3 * f]) + channels * int(strides[3 * f + 2]);
     for (int k = 0; k < h.layers; k++) {
-      V value[4];
+      V found[4];
       for (int f = 0; f < 4; f++) {
-        const int64_t* step = strides + 3 * f;
-        const float* field = fields[f] + k * step[1];
-        float found[WIDTH];
-        for (int i = 0; i < WIDTH; i++) found[i] = field[row[i] * step[0] + channel[i] * step[2]];
-        value[f] = load(found);
+        const float* first = fields[f] + start * strides[3 * f] + k * strides[3 * f + 1];
+        found[f] = (V)gathered((const int32_t*)first, from[f]);
       }
-      V sigma_s = value[1] * (1 - value[2]);
-      solver.stack.layers[k] = {value[0], sigma_s, greater(value[0] + sigma_s, all(CLEAR)), value[2], value[3], asked.eta[k]};
+      V sigma_a = found[0], g = found[2], sigma_s = found[1] * (1 - g);
+      solver.layers[k] = {sigma_a, sigma_s, greater(sigma_a + sigma_s, all(CLEAR)), g, found[3], asked.etas[k]};
     }
     solver.prepare();
     for (int i = 0; i < h.frequencies; i++) spectrum[i] = solver.at(s[i]);
@@ -202,7 +189,7 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
       for (int i = 0; i < h.frequencies; i++) total += matrix[t * h.frequencies + i] * spectrum[i];
       float made[WIDTH];
       std::memcpy(made, &total, sizeof made);
-      for (int i = 0; i < lanes; i++) result[(row[i] * h.terms + t) * C + channel[i]] = made[i];
+      for (int i = 0; i < lanes; i++) result[(start * h.terms + t) * C + to[i]] = made[i];
     }
   }
 #if defined(__SSE__)

@@ -16,7 +16,6 @@ from texsss.types import Float, Tensor
 
 SOURCE = Path(__file__).with_name("fused.cpp")
 MODELS = ("layered-diffusion", "layered-sp3")
-MOST_DIRECTIONS = 4
 
 
 class Fused:
@@ -40,15 +39,14 @@ class Fused:
             return
         if (below and table.bottomless) or (model == MODELS[0] and scattering != "total"):
             return
-        found = library(SOURCE, {})
+        two = model == "layered-sp3"
+        directions = (incidence_directions if two else mean_direction)(incidence, etas[0])
+        found = library(SOURCE, {"DIRECTIONS": len(directions)})
         if found is None:
             return
         self.ready = True
         self._weigh = found.weigh
         self._weigh.restype = None
-        two = model == "layered-sp3"
-        directions = (incidence_directions if two else mean_direction)(incidence, etas[0])
-        assert len(directions) <= MOST_DIRECTIONS
         numbers: list[float] = list(etas)
         for cosine, share in directions:
             numbers += [cosine, share, *mirrors(etas, cosine)]
@@ -64,7 +62,7 @@ class Fused:
                 numbers += [weight, *(x for m in modes for pair in m for x in pair)]
         header = [two, len(etas), table.channels, table.bottomless, below, scattering != "multiple"]
         header += [scattering != "single", two and unreduced(table, side, scattering)]
-        header += [len(directions), len(leaving), len(sets), *matrix.shape]
+        header += [len(leaving), len(sets), *matrix.shape]
         self._header = (ctypes.c_int32 * len(header))(*map(int, header))
         self._numbers = (ctypes.c_double * len(numbers))(*numbers)
         fields = table.fields  # as they lie in memory, expanded channels among them

@@ -8,38 +8,61 @@ constexpr float DAMPING = 0.35f, TURN = 0.72f, SPREAD_FROM = 3;
 constexpr int AZIMUTHS = 12;
 constexpr double PI = 3.14159265358979323846;
 
+// The way out at one cosine through one layer, from either side: numbers
+struct Way {
+  float cosine, slant, drift, per_drift, part;
+};
+// One cosine of light that leaves by the near face
 struct Exit {
-  double mu, weight, mirrored, again;  // mirrored by the far face, and by both
+  float weight, there, mirrored, again;  // weights at both faces; mirrored by the far one, and by both
+  std::vector<Way> near, far;
 };
 
-// sin x and cos x for x of -1 to some hundred: series on ±π/4, turned by quarters
-static inline void turn(V x, V& sine, V& cosine) {
-  I n = whole(x * 0.63661977f + 0.5f);
-  V f = x - real(n) * 1.5703125f;
-  f = f - real(n) * 4.8382679e-4f;
-  V q = f * f;
-  V s = f + f * q * (-1 / 6.f + q * (1 / 120.f - q * (1 / 5040.f)));
-  V c = 1 - q * (0.5f - q * (1 / 24.f - q * (1 / 720.f - q * (1 / 40320.f))));
-  I odd = (n & 1) != 0;
-  V a = odd ? c : s, b = odd ? s : c;
-  sine = (V)((I)a ^ ((n & 2) << 30)), cosine = (V)((I)b ^ (((n + 1) & 2) << 30));
+static inline double refracted(double cosine, double here, double there) {
+  double squared = 1 - (1 - cosine * cosine) * (here / there) * (here / there);
+  return squared > 0 ? std::sqrt(squared) : 0;
+}
+static inline double spread(double near, double eta_near, double far, double eta_far) {
+  return near * eta_near * eta_near / (far * eta_far * eta_far);
+}
+static std::vector<Way> way_through(double mu, const std::vector<double>& etas) {
+  std::vector<Way> way;
+  for (double eta : etas) {
+    double cosine = refracted(mu, etas[0], eta), squared = 1 / (cosine * cosine) - 1;
+    double drift = squared > 1e-12 ? std::sqrt(squared) : 1e-6;
+    way.push_back({float(cosine), float(1 / cosine), float(drift), float(1 / drift), float(spread(mu, etas[0], cosine, eta))});
+  }
+  return way;
+}
+static Exit exit_at(double mu, double weight, double mirrored, double again, const std::vector<double>& etas) {
+  const double first = etas.front(), last = etas.back(), there = refracted(mu, first, last);
+  const std::vector<double> back(etas.rbegin(), etas.rend());
+  return {float(weight / 2), float(weight / 2 * spread(there, last, mu, first)), float(mirrored), float(again),
+          way_through(mu, etas), way_through(there, back)};
+}
+
+// e^(-DAMPING x) times sin and cos of TURN x, for x of 0 to FAR: series on ±π/2, turned by halves
+static inline void oscillation(V x, V& sine, V& cosine) {
+  I n = whole(x * (TURN / float(PI)) + 0.5f);
+  V k = real(n), f = x * TURN - k * 3.140625f;
+  f = f - k * 9.67653590e-4f;
+  V q = f * f, damped = (V)((I)decay(x * DAMPING) ^ (n << 31));
+  V s = 1 - q * (1 / 6.f - q * (1 / 120.f - q * (1 / 5040.f - q * (1 / 362880.f - q * (1 / 39916800.f)))));
+  V c = 1 - q * (0.5f - q * (1 / 24.f - q * (1 / 720.f - q * (1 / 40320.f - q * (1 / 3628800.f)))));
+  sine = damped * f * s, cosine = damped * c;
 }
 
 // 4π times Henyey and Greenstein's phase function between cones of directions of travel, over azimuth
-static V deflection(double first, double second, V g) {
-  double across = (1 - first * first) * (1 - second * second);
+static V deflection(float first, float second, V g) {
+  float across = (1 - first * first) * (1 - second * second);
   across = across > 0 ? std::sqrt(across) : 0;
   V total = {};
   for (int i = 0; i < AZIMUTHS; i++) {
-    V base = 1 + g * g - 2 * g * float(first * second + across * std::cos((i + 0.5) * PI / AZIMUTHS));
+    V base = 1 + g * g - 2 * g * (first * second + across * std::cos(float((i + 0.5) * PI / AZIMUTHS)));
     V r = inverse_root(base);
     total += r * r * r;
   }
   return total * (1 - g * g) * float(1.0 / AZIMUTHS);
-}
-
-static inline double spread(double near, double eta_near, double far, double eta_far) {
-  return near * eta_near * eta_near / (far * eta_far * eta_far);
 }
 
 struct Shaft {
@@ -57,76 +80,69 @@ struct Leg {
 };
 
 struct Once {
-  int count, L;
+  int L;
   bool slab;
-  std::vector<Exit> exits;
+  const std::vector<Exit>* exits;
   std::vector<Leg> legs;  // (exits, 2, L): by the near face, and by the far one
   Layers back;
   Lights behind;
 
   // `deflected`: by Henyey and Greenstein, with true coefficients; else isotropic
-  void prepare(const Layers& layers, const Lights& lights, int directions, bool endless, const Exit* given, int nodes,
-               bool deflected) {
-    count = directions, L = int(layers.size()), slab = !endless;
-    exits.assign(given, given + nodes);
-    legs.resize(size_t(nodes) * 2 * L);
-    if (slab) turned(layers, lights, count, back, behind);
-    const double near = layers[0].eta, far = layers[L - 1].eta;
-    for (int n = 0; n < nodes; n++) {
-      const double mu = exits[n].mu, there = refracted(mu, near, far);
-      way_out(layers, lights, mu, exits[n].weight / 2, deflected, &legs[size_t(n) * 2 * L]);
-      if (slab) {
-        double weight = exits[n].weight / 2 * spread(there, far, mu, near);
-        way_out(back, behind, there, weight, deflected, &legs[(size_t(n) * 2 + 1) * L]);
-      }
+  void prepare(const Layers& layers, const Lights& lights, bool endless, const std::vector<Exit>& given, bool deflected) {
+    L = int(layers.size()), slab = !endless, exits = &given;
+    legs.resize(given.size() * 2 * L);
+    if (slab) turned(layers, lights, back, behind);
+    Leg* out = legs.data();
+    for (const Exit& exit : given) {
+      leads_out(layers, lights, exit.near.data(), exit.weight, deflected, out);
+      if (slab) leads_out(back, behind, exit.far.data(), exit.there, deflected, out + L);
+      out += 2 * L;
     }
   }
 
-  void way_out(const Layers& layers, const Lights& lights, double mu, double weight, bool deflected, Leg* out) {
+  void leads_out(const Layers& layers, const Lights& lights, const Way* way, float weight, bool deflected, Leg* out) {
     V above[BEAMS], aside = {};
-    for (int j = 0; j < count; j++) above[j] = lights[j].down * float(weight);
-    for (int k = 0; k < L; k++) {
+    for (int j = 0; j < BEAMS; j++) above[j] = lights[j].down * weight;
+    for (int k = 0; k < L; k++, way++) {
       const Layer& layer = layers[k];
-      const double cosine = refracted(mu, layers[0].eta, layer.eta), part = spread(mu, layers[0].eta, cosine, layer.eta);
-      const double squared = 1 / (cosine * cosine) - 1, drift = squared > 1e-12 ? std::sqrt(squared) : 1e-6;
       Leg& leg = out[k];
-      leg.drift = float(drift), leg.endless = !slab && k == L - 1;
-      leg.d = layer.d, leg.escape = layer.sigma * float(1 / cosine);
+      leg.drift = way->drift, leg.endless = !slab && k == L - 1;
+      leg.d = layer.d, leg.escape = layer.sigma * way->slant;
       if (!leg.endless) aside += layer.d * leg.drift;
       leg.aside = aside, leg.over = V{};
       V starts = {};
-      for (int j = 0; j < count; j++) {
-        const Light& light = lights[k * count + j];
+      for (int j = 0; j < BEAMS; j++) {
+        const Light& light = lights[k * BEAMS + j];
         Shaft& shaft = leg.shafts[j];
-        V a = light.sigma + leg.escape, source = light.source * float(part);
-        shaft.squared = a * a, shaft.slant = a * float(1 / drift);
-        V turned_back = deflected ? source * deflection(light.cosine, -cosine, layer.g) : source;
+        V a = light.sigma + leg.escape, source = light.source * way->part;
+        shaft.squared = a * a, shaft.slant = a * way->per_drift;
+        V turned_back = deflected ? source * deflection(light.cosine, -way->cosine, layer.g) : source;
         shaft.start = turned_back * above[j];
         starts += shaft.start;
         if (leg.endless) continue;
         above[j] *= faded(a * layer.d);
         shaft.end = turned_back * above[j];
-        leg.over += shaft.end * float(1 / drift);
+        leg.over += shaft.end * way->per_drift;
         if (!slab) continue;
-        V onwards = deflected ? source * deflection(light.cosine, cosine, layer.g) : source;
-        leg.bounced[j] = {light.tau, light.beam, onwards * float(weight) * layer.d * light.up};
+        V onwards = deflected ? source * deflection(light.cosine, way->cosine, layer.g) : source;
+        leg.bounced[j] = {light.tau, light.beam, onwards * weight * layer.d * light.up};
       }
-      if (k > 0) out[k - 1].over -= starts * float(1 / drift);
+      if (k > 0) out[k - 1].over -= starts * way->per_drift;
     }
   }
 
   V at(float s) const {
     s = s > 1e-12f ? s : 1e-12f;
     V total = {};
-    for (size_t n = 0; n < exits.size(); n++) {
-      const Leg* near = &legs[n * 2 * L];
-      if (!slab) {
+    const Leg* near = legs.data();
+    for (const Exit& exit : *exits) {
+      if (slab) {
+        Left here = leaving<true>(near, s), far = leaving<true>(near + L, s);
+        total += joined(exit, here, far);
+      } else {
         total += leaving<false>(near, s).light;
-        continue;
       }
-      Left here = leaving<true>(near, s), far = leaving<true>(near + L, s);
-      V light = here.light + float(exits[n].mirrored) * here.through * far.light;
-      total += light * inverse(1 - float(exits[n].again) * here.through * here.through);
+      near += 2 * L;
     }
     return total;
   }
@@ -134,6 +150,11 @@ struct Once {
   struct Left {
     V light, through;
   };
+
+  static V joined(const Exit& exit, const Left& here, const Left& far) {
+    V light = here.light + exit.mirrored * here.through * far.light;
+    return light * inverse(1 - exit.again * here.through * here.through);
+  }
 
   template <bool SLAB>
   Left leaving(const Leg* legs, float s) const {
@@ -147,28 +168,67 @@ struct Once {
       const Leg& leg = legs[k];
       const float b2 = s * leg.drift * s * leg.drift;
       const V first = wave, before = area;
-      if (!leg.endless) {
-        V x = lesser(s * leg.aside, all(FAR)), damped = decay(x * DAMPING), sine, cosine;
-        turn(x * TURN, sine, cosine);
-        area = damped * sine * per_turn;
-        wave = damped * cosine + (s * DAMPING) * area;
+      if (SLAB || !leg.endless) {
+        V sine, cosine;
+        oscillation(lesser(s * leg.aside, all(FAR)), sine, cosine);
+        area = sine * per_turn;
+        wave = cosine + (s * DAMPING) * area;
+        total += leg.over * area;
       }
-      for (int j = 0; j < count; j++) {
+      for (int j = 0; j < BEAMS; j++) {
         const Shaft& shaft = leg.shafts[j];
         V here = k ? shaft.start * (first + shaft.slant * before) : shaft.start;
-        if (!leg.endless) here -= shaft.end * (wave + shaft.slant * area);
+        if (SLAB || !leg.endless) here -= shaft.end * (wave + shaft.slant * area);
         total += here * inverse_root(shaft.squared + b2);
       }
-      if (!leg.endless) total += leg.over * area;
       if (!SLAB) continue;
       V wide = root(leg.escape * leg.escape + b2);
       V m = (leg.escape + shift * (wide - leg.escape)) * leg.d, passed = faded(m);
-      for (int j = 0; j < count; j++) {
+      for (int j = 0; j < BEAMS; j++) {
         const Bounced& ray = leg.bounced[j];
         total += ray.strength * through * overlap(passed, ray.beam, ray.tau - m);
       }
       through *= passed;
     }
     return {total, through};
+  }
+};
+
+// All light that leaves by the first of `layers` at s = 0, once scattered, where nothing is absorbed
+struct White {
+  Layers back;
+  Lights behind;
+
+  V all_of(const Layers& layers, const Lights& lights, bool endless, const std::vector<Exit>& exits) {
+    if (!endless) turned(layers, lights, back, behind);
+    V total = {};
+    for (const Exit& exit : exits) {
+      Once::Left here = leaving(layers, lights, exit.near.data(), exit.weight, endless);
+      if (endless)
+        total += here.light;
+      else
+        total += Once::joined(exit, here, leaving(back, behind, exit.far.data(), exit.there, false));
+    }
+    return total;
+  }
+
+  static Once::Left leaving(const Layers& layers, const Lights& lights, const Way* way, float weight, bool endless) {
+    const int L = int(layers.size());
+    V total = {}, through = all(1), above[BEAMS];
+    for (int j = 0; j < BEAMS; j++) above[j] = lights[j].down;
+    for (int k = 0; k < L; k++, way++) {
+      const Layer& layer = layers[k];
+      V escape = layer.sigma * way->slant, m = escape * layer.d, passed = endless ? V{} : faded(m);
+      for (int j = 0; j < BEAMS; j++) {
+        const Light& light = lights[k * BEAMS + j];
+        V source = layer.sigma * (light.share / light.cosine * way->part);
+        V a = light.sigma + escape, after = endless && k == L - 1 ? V{} : above[j] * faded(a * layer.d);
+        total += source * (above[j] - after) * inverse(a);
+        above[j] = after;
+        if (!endless) total += source * layer.d * light.up * through * overlap(passed, light.beam, light.tau - m);
+      }
+      through *= passed;
+    }
+    return {total * weight, through};
   }
 };

@@ -67,13 +67,12 @@ struct Sweep {
   };
   std::vector<Level> levels;
   Face near, far;
-  int count;
   bool slab;
   float weight;
 
-  void prepare(const Layers& layers, const Lights& lights, int directions, bool endless, const Parameters& set) {
+  void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set) {
     const int L = int(layers.size());
-    levels.resize(L), count = directions, slab = !endless, weight = float(set.weight);
+    levels.resize(L), slab = !endless, weight = float(set.weight);
     for (int k = L - 1; k >= 0; k--) {
       const Layer& layer = layers[k];
       Level& here = levels[k];
@@ -82,8 +81,8 @@ struct Sweep {
       eigen(layer, set.inner, rates, here.k1, here.k2);
       V d = layer.d + 1e-15f;
       here.d2 = d * d;
-      for (int j = 0; j < count; j++) {
-        const Light& light = lights[k * count + j];
+      for (int j = 0; j < BEAMS; j++) {
+        const Light& light = lights[k * BEAMS + j];
         V strength = here.endless ? light.source : light.source * layer.d;
         here.tau[j] = here.endless ? light.sigma : light.tau, here.beam[j] = light.beam;
         V down = strength * light.down, up = strength * light.up;
@@ -94,18 +93,17 @@ struct Sweep {
         }
       }
       for (int m = 0; m < 2; m++) {
-        const float mu = float(set.inner.mu[m]);
-        V u = layer.sigma / mu, own = u * u;
+        V u = layer.sigma * float(1 / set.inner.mu[m]), own = u * u;
         here.coupled[m].rate = here.endless ? rates[m] : rates[m] * here.d2 + 1e-30f;
         here.alone[m].rate = here.endless ? own : own * here.d2 + 1e-30f;
       }
       if (k == L - 1) continue;
       const Layer& under = layers[k + 1];
       const Level& below = levels[k + 1];
-      here.ratio = layer.sigma / under.sigma * float(under.eta / layer.eta * (under.eta / layer.eta)) * d;
+      here.ratio = layer.sigma * inverse(under.sigma) * float(under.eta / layer.eta * (under.eta / layer.eta)) * d;
       if (!below.endless) here.ratio /= under.d + 1e-15f;
       // k2 / k1 is the same in all layers, so that both of the diagonal are one
-      V own = 1 / (1 + below.k1 * below.k2), scale = here.ratio / (1 + here.k1 * here.k2);
+      V own = inverse(1 + below.k1 * below.k2), scale = here.ratio * inverse(1 + here.k1 * here.k2);
       V a = 1 + here.k1 * below.k2, b = below.k1 - here.k1, c = here.k2 - below.k2;
       here.into[0] = a * scale, here.into[1] = b * scale, here.into[2] = c * scale, here.into[3] = a * scale;
       here.back[0] = a * own, here.back[1] = -b * own, here.back[2] = -c * own, here.back[3] = a * own;
@@ -115,13 +113,13 @@ struct Sweep {
   }
 
   static void eigen(const Layer& layer, const Modes& modes, V rates[2], V& k1, V& k2) {
-    V sigma2 = layer.sigma * layer.sigma, per = 1 / layer.sigma;
+    V sigma2 = layer.sigma * layer.sigma, per = inverse(layer.sigma);
     V a = layer.sigma_s * per, lost = layer.sigma_a * per;
     V K1 = sigma2 * float(1 / (modes.mu[0] * modes.mu[0])), K2 = sigma2 * float(1 / (modes.mu[1] * modes.mu[1]));
     V c1 = a * K1 * float(modes.w[0]), c2 = a * K2 * float(modes.w[1]), delta = (K1 - K2 - c1 + c2) / 2;
-    V r = root(delta * delta + c1 * c2), p = 1 / (delta + r);
+    V r = root(delta * delta + c1 * c2), p = inverse(delta + r);
     rates[0] = (K1 + K2 - c1 - c2) / 2 + r;
-    rates[1] = K1 * K2 * lost / rates[0] + TINY;
+    rates[1] = K1 * K2 * lost * inverse(rates[0]) + TINY;
     k1 = c1 * p, k2 = c2 * p;
   }
 
@@ -140,11 +138,11 @@ struct Sweep {
 
   V received(const Level& level, const Carried& carried, V decay) const {
     V total = {};
-    for (int j = 0; j < count; j++) total += carried.down[j] * inverse(level.tau[j] + decay);
+    for (int j = 0; j < BEAMS; j++) total += carried.down[j] * inverse(level.tau[j] + decay);
     return total;
   }
   Lit shone(const Level& level, const Carried& carried, const Crossing& mode) const {
-    return lit(mode, level.tau, level.beam, carried.down, carried.up, count, slab);
+    return lit(mode, level.tau, level.beam, carried.down, carried.up, slab);
   }
 
   V coupled(float s2, const V b[2], const V out[2], const V lowest[2]) const {
