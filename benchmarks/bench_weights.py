@@ -62,7 +62,7 @@ def weigh(model: str, compiled: bool, texels: int) -> None:
     """Prints by how much the process grew beyond the result [MB]."""
     ladder = variance_ladder(0.4, 400.0, TERMS)
     table = varied(texels)
-    weights_for(varied(8), ladder, model=model, compiled=compiled)  # what is loaded once
+    weights_for(varied(10_000), ladder, model=model, compiled=compiled)  # what is loaded once
     before = peak_mb()
     weights = weights_for(table, ladder, model=model, compiled=compiled)
     print(peak_mb() - before - (weights.table.nbytes + weights.row.nbytes) / 2**20)
@@ -101,7 +101,7 @@ def main() -> None:
         for compiled in (False, True):
             options = {"model": model, "compiled": compiled}
             if compiled:
-                weights_for(table.rows(slice(0, 8192)), ladder, **options)
+                weights_for(table.rows(slice(0, 10_000)), ladder, **options)
             seconds = best(lambda options=options: weights_for(table, ladder, **options), asked.repeats)
             per_texel.setdefault(model, seconds / asked.texels)
             how = "compiled" if compiled else "eager"

@@ -129,6 +129,7 @@ class Matter(Ground):
                 model=methods.profile,
                 scattering=scattering,
                 incidence=methods.incidence,
+                compiled=True,
                 **self.hooks("weights"),
             )
         if not self.normalised:
@@ -148,6 +149,7 @@ class Matter(Ground):
             model=methods.profile,
             scattering=scattering,
             incidence=methods.incidence,
+            compiled=True,
             **self.hooks("weights"),
         )
 

@@ -9,6 +9,7 @@ from profile_stacks import random_table
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.numerics import native
+from texsss.profiles import weights
 from texsss.profiles.fused import Fused
 from texsss.profiles.hankel import flat_profile
 from texsss.profiles.project import variance_ladder
@@ -64,8 +65,9 @@ def test_the_loop_is_float64_to_1e_4(etas, bottomless):
         assert worst < 1e-4, (asked, worst)
 
 
-def test_weights_are_the_same_by_the_loop():
+def test_weights_are_the_same_by_the_loop(monkeypatch):
     """Also of grey layers shown in colour, and of tables that lie otherwise in memory; measured 3e-6."""
+    monkeypatch.setattr(weights, "WORTH_COMPILING", 1)
     thickness = torch.linspace(0.0, 2.0, 50)[None]
     stack = Stack([Layer(preset("skin1"), thickness), Layer(preset("skin2"))])
     grey = Stack([Layer(replace(preset("skin1"), **_first("skin1")), thickness), Layer(preset("skin2"))])
@@ -83,8 +85,9 @@ def _first(name: str) -> dict[str, torch.Tensor]:
     return {"sigma_a": medium.sigma_a[:1], "sigma_s": medium.sigma_s[:1]}
 
 
-def test_what_the_loop_does_not_know_is_done_by_torch():
+def test_what_the_loop_does_not_know_is_done_by_torch(monkeypatch):
     """float64, other models, and what wants a gradient."""
+    monkeypatch.setattr(weights, "WORTH_COMPILING", 1)
     ladder, table = variance_ladder(0.4, 400.0, 4), Stack(preset("skin1")).table()
     options = {"scattering": "total", "incidence": "diffuse", "side": "reflectance"}
     rows = table.of([x[None] for x in table.fields])

@@ -67,7 +67,9 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
         return None
     row, sets = torch.zeros(count, dtype=torch.long, device=some.device), 1
     for column in bases.tolist():
-        level, levels = _numbered(_keys(fields[column // width][:, column % width, None])[:, 0].long())
+        level, levels = _numbered(
+            _keys(fields[column // width][:, column % width, None].contiguous())[:, 0].long()
+        )
         row, sets = row * levels + level, sets * levels
         if sets > PAIRS:
             return None
@@ -77,12 +79,14 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     low, high = _range(some[:, columns])
     least = float((high - low).min()) / ALIKE
     moving = {int(column) // width for column in columns}
+    known = [x[first] if k in moving else x[:1] for k, x in enumerate(fields)]
 
     def alike(part: slice) -> bool:
         for k, x in enumerate(fields):
-            known = torch.index_select(x, 0, first[row[part]]) if k in moving else x[:1]
+            same = torch.index_select(known[k], 0, row[part]) if k in moving else known[k]
             # infinities leave nothing behind
-            if float(torch.nan_to_num_(known - x[part]).abs_().max()) > 2 * least:
+            low, high = torch.nan_to_num_(same - x[part]).aminmax()
+            if max(float(high), -float(low)) > 2 * least:
                 return False
         return True
 

@@ -26,6 +26,7 @@ def weights_through(
     model: str = "layered-sp3",
     scattering: str = "total",
     incidence: Incidence = "diffuse",
+    compiled: bool = False,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> tuple[Weights, Weights]:
@@ -50,6 +51,7 @@ def weights_through(
         low, high = FADES_AT
         share = ((high - thickness / own.clamp_min(THINNEST_MM)) / (high - low)).clamp(0, 1)
     options = {"model": model, "incidence": incidence, "levels": None, "points": len(thickness)}
+    options["compiled"] = compiled
     hooks = {"progress": progress, "cancel": cancel}
     back = weights_for(table, variances, side="reflectance", scattering=scattering, **options, **hooks)
     passed = weights_for(table, variances, side="transmittance", **options, cancel=cancel)

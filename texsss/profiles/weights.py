@@ -15,6 +15,8 @@ from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, 
 
 LEVELS = 256  # an 8-bit map keeps its values
 CHUNK = 16_384  # rows solved at once
+LOOP_CHUNK = 4096  # ... by the loop
+WORTH_COMPILING = 10_000  # rows; fewer are done before the loop is built
 WORKSPACE = 2**22  # [numbers] set aside before
 
 
@@ -72,8 +74,8 @@ def weights_for(
     are solved once; where they are many and one or two maps make all that varies, every coefficient is
     first rounded to `levels` steps between its extremes, so that they become a table (None: exact;
     ignored while gradients are asked for). Totals move by up to .002, where a layer is thinnest.
-    Grey materials are shown in `channels` channels. `compiled`: the layered models by a loop in C++, where
-    there is a compiler, in float32 and without gradients.
+    Grey materials are shown in `channels` channels. `compiled`: many rows of the layered models by a loop in
+    C++, where there is a compiler, in float32 and without gradients.
     Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
@@ -93,7 +95,8 @@ def weights_for(
     matrix = projector(variances, s, ds).to(table.sigma_a)
     s = torch.cat([s, s.new_zeros(1)]).to(table.sigma_a)
     options = {"model": model, "scattering": scattering, "incidence": incidence, "side": side}
-    fused = Fused(table, s, matrix, **options) if compiled and not table.requires_grad else None
+    worth = compiled and not table.requires_grad and table.batch[0] >= WORTH_COMPILING
+    fused = Fused(table, s, matrix, **options) if worth else None
     if fused is None or not fused.ready:
         fused = None
         # glibc hands memory back after every operation until it has seen something large freed: half the time
@@ -106,7 +109,7 @@ def weights_for(
         made = (matrix @ spectrum).view(len(variances) * table.channels, -1).t()
         return made.reshape(-1, len(variances), table.channels)
 
-    parts = chunks(count, CHUNK)
+    parts = chunks(count, LOOP_CHUNK if fused else CHUNK)
     if table.requires_grad:
         return Weights(variances.to(table.sigma_a), torch.cat([solve(part) for part in parts]), row)
     weights = matrix.new_empty(count, len(variances), table.channels)
