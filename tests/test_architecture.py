@@ -50,7 +50,7 @@ MAY_IMPORT = {
     "inspection": ROOMS | {"pipeline", "curve"},
     "baker": {
         *("errors", "types", "scene", "cache", "shelf", "resolve", "result", "pipeline", "view"),
-        *("curve", "estimate", "inspection", "intermediates", "io", "showing", "transport"),
+        *("curve", "estimate", "inspection", "intermediates", "io", "showing", "profiles", "transport"),
     },
     "compare": {"errors", "types", "scene", "baker", "result", "io"},
     "plot": set(),

@@ -50,6 +50,8 @@ def test_default_object_keeps_what_is_not_stated():
         ({"mesh": "a.obj", "material": {"surface": {"albedo": "q"}}}, ["albedo", "'q'"]),
         ({"camera": {"fit": False}}, ["camera", "position_mm"]),
         ({"media": {"x": {"preset": "skin1", "sigma_a_per_mm": 1.0}}}, ["media.x"]),
+        ({"material": {"layers": [{"thickness_mm": {"map": "v"}}]}}, ["layers.0", "range", "'v'", "[mm]"]),
+        ({"media": {"x": {"sigma_a_per_mm": {"map": "v"}, "sigma_s_per_mm": 1.0}}}, ["range", "[1/mm]"]),
     ],
 )
 def test_bad_field_is_named_in_one_sentence(data, names):

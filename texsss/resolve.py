@@ -154,6 +154,7 @@ def _value(value: Any, images: Images) -> Any:
     """A number as it is, a triple as a tensor, a painted value as its map scaled to its range."""
     if isinstance(value, MapValue):
         image = images[value.map]
+        assert value.range is not None  # the scene checked
         low, high = value.range
         return low + (high - low) * (1 - image if value.invert else image)
     return torch.tensor(value) if isinstance(value, tuple) else value

@@ -100,10 +100,13 @@ class MapSpec(Model):
 
 
 class MapValue(Model):
-    """A coefficient or thickness painted in a map: 0 and 1 of the map mean the ends of `range`."""
+    """A coefficient or thickness painted in a map: 0 and 1 of the map mean the ends of `range`.
+
+    Nothing stands in for a range that is left out: a map alone says nothing of millimetres.
+    """
 
     map: str
-    range: tuple[NonNegative, NonNegative] = (0.0, 1.0)
+    range: tuple[NonNegative, NonNegative] | None = None
     invert: bool = False
 
 
@@ -125,7 +128,17 @@ class MediumSpec(Model):
             raise ValueError(
                 "expected a preset alone, got g or eta beside it; give coefficients to change them"
             )
+        _check_range("sigma_a_per_mm", self.sigma_a_per_mm, "1/mm")
+        _check_range("sigma_s_per_mm", self.sigma_s_per_mm, "1/mm")
         return self
+
+
+def _check_range(field: str, value: Any, unit: str) -> None:
+    if isinstance(value, MapValue) and value.range is None:
+        raise ValueError(
+            f"expected a range beside the map {value.map!r} of {field}, got none; "
+            f'say what its 0 and 1 mean [{unit}], as in "range": [0.1, 2]'
+        )
 
 
 class Mix(Model):
@@ -140,6 +153,11 @@ class LayerSpec(Model):
 
     medium: str | Mix = "skin1"
     thickness_mm: Positive | MapValue | None = None
+
+    @model_validator(mode="after")
+    def _map_means_millimetres(self) -> "LayerSpec":
+        _check_range("thickness_mm", self.thickness_mm, "mm")
+        return self
 
 
 class SurfaceSpec(Model):
