@@ -77,23 +77,38 @@ def browser():
         made.close()
 
 
+# a coarse screen: without a graphics card every pixel costs
+USUAL = {"viewport": {"width": 860, "height": 640}, "device_scale_factor": 0.5, "reduced_motion": "reduce"}
+
+
+@pytest.fixture(scope="session")
+def window(browser, page_server):
+    """The window of most visits, which keeps scripts that were compiled; nothing else."""
+    context = browser.new_context(base_url=page_server.url, **USUAL)
+    context.add_init_script("localStorage.clear()")
+    context.set_default_timeout(TIMEOUT_MS)
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def visit(browser, page_server, ring) -> Iterator[Callable]:
+def visit(browser, window, page_server, ring) -> Iterator[Callable]:
     """Opens the page on the ring, parts of its scene replaced; at the end no error may have been logged."""
-    contexts, said = [], []
+    opened, said = [], []
 
     def hear(message):
         if message.type == "error" and "GPU stall due to ReadPixels" not in message.text:
             said.append(message.text)
 
     def open_page(scene: dict | None = None, *, path: str | None = None, server=page_server, **options):
-        # a coarse screen: without a graphics card every pixel costs
-        coarse = {"viewport": {"width": 860, "height": 640}, "device_scale_factor": 0.5}
-        options = {**coarse, "reduced_motion": "reduce", **options}
-        context = browser.new_context(base_url=server.url, **options)
-        context.set_default_timeout(TIMEOUT_MS)
-        contexts.append(context)
-        page = context.new_page()
+        if options or server is not page_server:
+            context = browser.new_context(base_url=server.url, **(USUAL | options))
+            context.set_default_timeout(TIMEOUT_MS)
+            opened.append(context)
+            page = context.new_page()
+        else:
+            page = window.new_page()
+            opened.append(page)
         page.on("console", hear)
         page.on("pageerror", lambda error: said.append(str(error)))
         page.said = said
@@ -102,6 +117,6 @@ def visit(browser, page_server, ring) -> Iterator[Callable]:
         return page
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for one in opened:
+        one.close()
     assert said == []

@@ -1,13 +1,13 @@
 // The light that is dragged around the object.
 
 import { Vector3 } from "three";
-import { aimed, expanded, type Movable, movable, towards } from "./lights";
+import { aimed, apart, expanded, type Movable, movable, towards } from "./lights";
 import type { Store } from "./store";
-import type { Showing } from "./types";
+import type { Light, Showing } from "./types";
 import type { Viewer } from "./view/viewer";
 
 export class Aim {
-  /** The number of the light that dragging moves. */
+  /** The number of the light that was chosen; it may be gone. */
   active = 0;
   private dragging = false;
 
@@ -17,17 +17,24 @@ export class Aim {
     private readonly showing: () => Showing | null,
   ) {}
 
+  /** The number of the light that dragging moves: the chosen one, else the first that can be. */
+  among(lights: Light[]): number {
+    const chosen = lights[this.active];
+    return chosen && movable(chosen) ? this.active : Math.max(lights.findIndex(movable), 0);
+  }
+
   /** Where it stands from the object's centre; null: nowhere in particular. */
   get direction(): Vector3 | null {
     const lights = expanded(this.store.state.lights, this.showing());
-    const light = lights[this.active] ?? lights[0];
+    const light = lights[this.among(lights)];
     return light && movable(light) && this.showing() ? towards(light, this.viewer.centre) : null;
   }
 
   /** Turns it around the camera's up and right [radians]; a studio comes apart into its lamps. */
   turn(yaw: number, pitch: number): void {
-    const lights = expanded(this.store.state.lights, this.showing());
-    const index = Math.min(this.active, lights.length - 1);
+    const lights = apart(this.store.state.lights, this.showing());
+    if (!lights) return; // soon
+    const index = this.among(lights);
     const light = lights[index];
     if (!light || !movable(light)) return;
     const { matrixWorld } = this.viewer.camera;

@@ -31,7 +31,10 @@ export const clientName = (): string => `page-${crypto.getRandomValues(new Uint3
 async function ask(url: string, init: RequestInit): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(url, init);
+    const coming = await fetch(url, init);
+    const { status, statusText, headers } = coming;
+    const body = status === 204 ? null : await coming.arrayBuffer(); // one that breaks off is no answer
+    response = new Response(body, { status, statusText, headers });
   } catch (error) {
     if (init.signal?.aborted) throw error;
     throw new Offline("The service can't be reached.");
@@ -121,8 +124,11 @@ async function finished(accepted: Response, options: Options): Promise<Response>
       };
       events.addEventListener("progress", hear);
       for (const end of ["done", "failed", "cancelled", "stopping"]) events.addEventListener(end, () => done());
+      // the browser would go on asking for ever
+      const gone = () => fail(new Offline("The service can't be reached."));
       events.onerror = () => {
-        if (events.readyState === EventSource.CLOSED) fail(new Offline("The service can't be reached."));
+        if (events.readyState === EventSource.CLOSED) gone();
+        else fetch(links.self).catch(gone); // the browser itself would go on asking for ever
       };
       options.signal?.addEventListener("abort", () => fail(options.signal?.reason));
     });
@@ -191,9 +197,9 @@ export const api = {
   async inspect(scene: object, options?: Options): Promise<{ advice: string[] }> {
     return (await post("/v1/inspect", scene, options)).json();
   },
-  async upload(file: File): Promise<Asset> {
+  async upload(file: File, signal?: AbortSignal): Promise<Asset> {
     const url = `/v1/assets?name=${encodeURIComponent(file.name)}`;
     const headers = { "content-type": "application/octet-stream" };
-    return (await ask(url, { method: "POST", headers, body: file })).json();
+    return (await ask(url, { method: "POST", headers, body: file, signal })).json();
   },
 };

@@ -20,14 +20,13 @@ import { LightPanel } from "./panels/light";
 import { SurfaceSection, viewSection } from "./panels/look";
 import { MethodPanel } from "./panels/method";
 import { ObjectPanel } from "./panels/object";
-import { ProfilePanel } from "./panels/profile";
+import { Profiles } from "./panels/profiles";
 import { Tabs } from "./panels/tabs";
-import { bakedPart } from "./parts";
 import { fromScene, type State, toScene } from "./state";
 import { Status } from "./status";
 import { Store } from "./store";
 import { clearProblems, showProblem } from "./toast";
-import type { Scene, Showing } from "./types";
+import type { Scene, Showing, Triple } from "./types";
 import { LightHandle } from "./view/handle";
 import { dressLook } from "./view/look";
 import type { Pose } from "./view/orbit";
@@ -60,7 +59,7 @@ export class App {
   readonly inside: InsidePanel;
   private readonly panels: { sync(): void }[];
   private readonly layers: LayersPanel;
-  private readonly profile = new ProfilePanel();
+  private readonly profiles: Profiles;
   private readonly lights: LightPanel;
   private readonly handle: LightHandle;
   private readonly marching: Marching;
@@ -70,8 +69,7 @@ export class App {
   private readonly camera: Scene["camera"];
   private pose: Pose | null;
   private framed = "";
-  private profiled = "";
-  private profileTimer = 0;
+  private radius = 1; // [mm] of the object when it was last seen
   private baking: AbortController | null = null;
 
   constructor({ scenes, presets, shared, initial, state }: Opening) {
@@ -90,11 +88,12 @@ export class App {
       rested: () => this.address.remember(),
       light: (yaw, pitch) => this.aim.turn(yaw, pitch),
       lightDone: () => this.aim.done(),
-      lost: () => this.status.away("The graphics card was taken away; waiting for it…"),
-      restored: () => this.status.away(null),
+      lost: () => this.status.away("card", "The graphics card was taken away; waiting for it…"),
+      restored: () => this.status.away("card", null),
     }));
     this.aim = new Aim(store, viewer, () => this.live.showing);
-    this.status = new Status(() => (this.baking ? this.baking.abort() : this.live.cancel()));
+    this.status = new Status(() => (this.baking ? this.baking.abort() : this.files.cancel() || this.live.cancel()));
+    const online = (yes: boolean) => this.status.away("service", yes ? null : "The service can't be reached. Trying again…");
     this.live = new Live({
       badge: (badge) => this.status.show(badge),
       ground: (showing, geometry) => {
@@ -102,7 +101,8 @@ export class App {
         this.frameOnce();
         this.show();
         for (const panel of this.panels) panel.sync();
-        if (this.profiled) this.drawProfile();
+        this.profiles.panel.place(showing);
+        this.compare.sync(store.editing);
         this.announce(geometry ? `${this.name} is shown, ${showing.mesh.faces} triangles` : "");
       },
       light: (texture, final) => {
@@ -110,16 +110,19 @@ export class App {
         requestAnimationFrame(() => requestAnimationFrame(furnished));
         if (final) this.inside.values(final);
       },
-      map: (kind, coded, srgb) => viewer.setMap(kind, coded, srgb),
+      map: async (kind, coded, srgb) => {
+        await viewer.setMap(kind, coded, srgb);
+        this.compare.sync(store.editing);
+      },
       settled: () => {
         clearProblems();
-        this.drawProfile();
+        this.profiles.want();
         this.marching.moved();
         viewer.prepare();
         void this.compare.measure();
       },
-      problem: (error) => void this.problem(error),
-      online: (yes) => this.status.away(yes ? null : "The service can't be reached. Trying again…"),
+      problem: async (error) => (await this.problem(error)) && this.live.again(),
+      online,
     });
     this.files = new Files(store, find("view"), {
       shown: (kind) => kind === "mesh" && this.bar.announceMesh(),
@@ -134,6 +137,7 @@ export class App {
       allowed: () => ["picture", "single"].includes(this.inside.key) && viewer.unfolded === 0 && !store.editing && this.framed !== "",
       reducedMotion,
       busy: (text) => this.status.busy(text),
+      online,
     });
     this.inside = new InsidePanel({
       viewer,
@@ -159,7 +163,8 @@ export class App {
       state: () => store.state,
       live: this.live,
       showing: () => this.live.showing,
-      lights: (state) => expanded(state.lights, this.live.showing),
+      lights: (state, showing) => expanded(state.lights, showing),
+      problem: (error) => this.problem(error),
       announce: (text) => this.announce(text),
       changed: () => this.address.remember(),
     });
@@ -173,8 +178,9 @@ export class App {
       aim: this.aim,
     });
 
-    const host = { takeMap: (file: File) => this.files.takeMap(file), pickFile: (accept: string) => this.files.pick(accept), announce: (text: string) => this.announce(text) };
+    const host = { takeMap: (file: File, space: "srgb" | "linear") => this.files.takeMap(file, space), pickFile: (accept: string) => this.files.pick(accept), announce: (text: string) => this.announce(text) };
     this.layers = new LayersPanel(store, presets, this.initial, host);
+    this.profiles = new Profiles({ state: () => store.state, showing: () => this.live.showing, section: this.layers.section });
     this.lights = new LightPanel(store, {
       showing: () => this.live.showing,
       aim: this.aim,
@@ -192,11 +198,11 @@ export class App {
     const beneath = new BeneathSection(store, host);
     this.panels = [this.layers, surface, this.lights, { sync: () => view.controls.forEach((control) => control.sync()) }, object, method, beneath, this.inside];
 
-    const tabs = new Tabs((name) => name === "Inside" && this.profile.draw());
+    const tabs = new Tabs((name) => name === "Inside" && this.profiles.panel.draw());
     tabs.add("Material", this.layers.element, surface.element);
     tabs.add("Light", this.lights.element, view.element);
     tabs.add("Object", object.element);
-    tabs.add("Inside", this.inside.element, this.profile.element, method.element, beneath.element);
+    tabs.add("Inside", this.inside.element, this.profiles.panel.element, method.element, beneath.element);
     find("panel").append(tabs.list, tabs.panels);
 
     const help = helpDialog();
@@ -218,7 +224,7 @@ export class App {
         return location.href;
       },
       rested: () => this.address.remember(),
-      themed: () => this.profile.draw(),
+      themed: () => this.profiles.panel.draw(),
       name: () => this.name,
     });
     const hint = h("p", { id: "hint" }, "Drag to turn · drag the sun to move the light · scroll to zoom");
@@ -261,11 +267,21 @@ export class App {
   /** The camera is placed when a mesh is new, and never again. */
   private frameOnce(): void {
     const mesh = JSON.stringify(this.store.state.mesh.source);
-    if (this.framed === mesh) return;
+    const before = this.radius;
+    this.radius = this.viewer.radius;
+    if (this.framed === mesh) return this.rescale(this.radius / before);
     const first = this.framed === "";
     this.framed = mesh;
     if (first && this.pose) this.viewer.setPose(this.pose);
     else this.home();
+  }
+
+  /** The same view of an object whose unit is another. */
+  private rescale(ratio: number): void {
+    if (Math.abs(ratio - 1) < 0.01) return;
+    const { position_mm, target_mm, fov_y_deg } = this.viewer.orbit.pose;
+    const scaled = (place: Triple) => place.map((one) => one * ratio) as Triple;
+    this.viewer.setPose({ position_mm: scaled(position_mm), target_mm: scaled(target_mm), fov_y_deg });
   }
 
   private home(direction?: [number, number, number]): void {
@@ -276,27 +292,11 @@ export class App {
     this.address.remember();
   }
 
-  private drawProfile(): void {
-    const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = bakedPart(toScene(this.store.state));
-    const key = JSON.stringify(matter);
-    if (key === this.profiled) return;
-    clearTimeout(this.profileTimer);
-    this.profileTimer = window.setTimeout(async () => {
-      try {
-        const found = await api.profile(bakedPart(toScene(this.store.state)));
-        this.profiled = key;
-        this.profile.set(found, this.live.showing);
-        this.layers.section.setProfile(found);
-      } catch {
-        this.layers.section.setProfile(null); // the picture's own request tells why
-      }
-    }, 60);
-  }
-
-  private async problem(error: unknown): Promise<void> {
+  /** Tells of a problem; whether it was mended instead. */
+  private async problem(error: unknown): Promise<boolean> {
     const lost = error instanceof Problem && error.errors.some((one) => one.pointer.endsWith("/asset"));
     if (!lost) showProblem(error);
-    else if (await this.files.again()) this.live.again();
+    return lost && (await this.files.again());
   }
 
   private announce(text: string): void {

@@ -87,7 +87,7 @@ export class Bar {
   }
 
   private async link(): Promise<void> {
-    await copyText(await this.host.link(), "The link is copied");
+    await copyText(await this.host.link(), "The link is copied", "The address of this page is the link: copy it from there.");
   }
 
   private key(event: KeyboardEvent): void {
@@ -99,7 +99,9 @@ export class Bar {
       else this.host.store.undo();
       return;
     }
-    if (field || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    // single letters are for the picture and the bar: elsewhere they may mean something to who types or speaks
+    if (event.target !== document.body && !(event.target as Element).closest("#view, #bar")) return;
     const acts: Record<string, () => void> = {
       f: () => this.host.frame(),
       r: () => this.host.home(),

@@ -1,11 +1,10 @@
 // A | B: the scene beside another setting or method, by a divider that mouse and keys move; their difference.
 
-import { api } from "./api";
+import { api, NPY } from "./api";
 import { h, iconButton, plain } from "./dom";
 import { Live } from "./live";
-import { bakedPart } from "./parts";
+import { bakedPart, mapPart, shownMaps } from "./parts";
 import { type State, toScene } from "./state";
-import { showProblem } from "./toast";
 import type { Light, Showing } from "./types";
 import { dressLook } from "./view/look";
 import { half, type HalfImage, parseNpy } from "./view/npy";
@@ -19,6 +18,10 @@ interface Other {
 }
 
 const method = (change: Partial<State["methods"]>) => (state: State): State => ({ ...state, methods: { ...state.methods, ...change } });
+
+/** The maps that the page's own shader shows of a state. */
+const mapsOf = (state: State): string =>
+  JSON.stringify(Object.entries(shownMaps({ material: { layers: [], surface: state.surface }, methods: state.methods })).map(([kind, name]) => [kind, name === undefined ? null : mapPart(state, name).maps[name]]));
 
 const OTHERS: Other[] = [
   { key: "none", name: "Light that does not spread", short: "No scattering", make: method({ diffusion: "none" }) },
@@ -34,7 +37,8 @@ export interface CompareHost {
   state(): State;
   live: Live;
   showing(): Showing | null;
-  lights(state: State): Light[];
+  lights(state: State, showing: Showing | null): Light[];
+  problem(error: unknown): Promise<boolean>;
   announce(text: string): void;
   changed(): void;
 }
@@ -51,6 +55,7 @@ export class Compare {
   private readonly legend = h("div", { class: "legend", hidden: true });
   private readonly liveA: Live;
   private pinned: State | null = null;
+  private placed: Showing | null = null; // where lights stood when it was pinned
   private coverage: { key: string; image: HalfImage } | null = null;
   private difference = false;
   on = false;
@@ -59,7 +64,7 @@ export class Compare {
     this.liveA = new Live({
       light: (texture) => host.viewer.setLight("A", texture),
       settled: () => void this.measure(),
-      problem: showProblem,
+      problem: async (error) => (await host.problem(error)) && this.liveA.again(),
     });
     this.button = iconButton("compare", "Compare A | B", () => this.toggle(), "C");
     this.button.setAttribute("aria-pressed", "false");
@@ -113,7 +118,8 @@ export class Compare {
     this.select.value = key;
     if (key === "pinned" && !(keep && this.pinned)) {
       this.pinned = structuredClone(this.host.state());
-      this.host.viewer.looks.A.maps = { ...this.host.viewer.looks.B.maps };
+      this.placed = this.host.showing();
+      this.host.viewer.shareMaps();
       this.host.announce("Pinned as A. Change anything: B is how it is now.");
     }
     this.labels.A.textContent = `A · ${this.other.short}`;
@@ -134,8 +140,11 @@ export class Compare {
     // on another mesh or light map a pinned setting has nowhere to lie
     const now = this.host.state();
     const a = { ...state, mesh: now.mesh, atlas: now.atlas };
-    dressLook(viewer.looks.A, a, this.host.showing(), this.host.lights(a));
-    if (this.other.key !== "pinned") viewer.looks.A.maps = { ...viewer.looks.B.maps };
+    const showing = (this.other.key === "pinned" && this.placed) || this.host.showing();
+    dressLook(viewer.looks.A, a, showing, this.host.lights(a, showing));
+    if (this.other.key !== "pinned" || mapsOf(a) === mapsOf(now)) viewer.shareMaps();
+    this.modeButton.disabled = this.host.live.image !== "diffused"; // else its colours are those of data
+    if (this.modeButton.disabled && this.difference) this.setDifference(false);
     if (this.liveA.image !== this.host.live.image) this.liveA.look(this.host.live.image);
     this.liveA.want(a, moving);
     viewer.redraw();
@@ -186,7 +195,7 @@ export class Compare {
     this.rmse.title = "Of the light that leaves, over all texels, relative to its mean";
     const brightest = Math.max(most / Math.PI / 2, 1e-6); // the few places beyond would leave the rest dark
     this.host.viewer.setDifference(this.difference, brightest);
-    const ends = h("span", { class: "ends" }, h("span", null, "0"), h("span", null, "W/m² sr"), h("span", null, `${plain(brightest)} and more`));
+    const ends = h("span", { class: "ends" }, h("span", null, "0"), h("span", null, "W/(m² sr)"), h("span", null, `${plain(brightest)} and more`));
     this.legend.replaceChildren(h("strong", null, "Difference of A and B"), h("span", { class: "bar" }), ends);
     this.legend.hidden = !this.difference;
   }
@@ -195,7 +204,7 @@ export class Compare {
     const { mesh, atlas } = bakedPart(toScene(this.host.state()));
     const key = JSON.stringify([mesh, atlas, size]);
     if (this.coverage?.key !== key) {
-      const response = await api.image({ mesh, atlas: { ...atlas, raster: size } }, "coverage", { accept: "application/x-npy" });
+      const response = await api.image({ mesh, atlas: { ...atlas, raster: size } }, "coverage", { accept: NPY });
       this.coverage = { key, image: parseNpy(await response.arrayBuffer()) };
     }
     return this.coverage.image;

@@ -61,8 +61,9 @@ export function slider(store: Store, options: SliderOptions): Control {
     onchange: () => {
       const value = number.valueAsNumber;
       if (Number.isFinite(value)) store.edit((state) => options.set(state, Math.min(Math.max(value, least), most)));
-      else sync();
+      number.value = plain(options.get(store.state)); // what holds, which may be less
     },
+    onblur: () => sync(),
   });
   const back = h(
     "button",
@@ -185,12 +186,13 @@ export function triple(store: Store, options: TripleOptions): Control {
       "data-pointer": options.pointer,
       onchange: (event: Event) => {
         const value = (event.target as HTMLInputElement).valueAsNumber;
-        if (!Number.isFinite(value)) return sync();
-        store.edit((state) => {
-          const next = [...options.get(state)] as Triple;
-          next[k] = Math.max(value, options.least);
-          options.set(state, next);
-        });
+        if (Number.isFinite(value))
+          store.edit((state) => {
+            const next = [...options.get(state)] as Triple;
+            next[k] = Math.max(value, options.least);
+            options.set(state, next);
+          });
+        inputs[k].value = plain(options.get(store.state)[k]);
       },
     }),
   );

@@ -26,6 +26,7 @@ function dialog(title: string, ...content: Node[]): HTMLDialogElement {
   box.addEventListener("click", (event) => {
     if (event.target === box) box.close(); // beside it
   });
+  box.addEventListener("close", () => document.body.append(document.getElementById("toasts")!)); // which came into it
   document.body.append(box);
   return box;
 }
@@ -61,6 +62,7 @@ export function exportDialog(scene: () => Scene, model: () => Promise<void>): HT
   const glb = h("button", {
     type: "button",
     onclick: async () => {
+      box.close(); // progress and a way to cancel stand on the picture
       glb.disabled = true;
       await model().finally(() => (glb.disabled = false));
     },
@@ -71,11 +73,11 @@ export function exportDialog(scene: () => Scene, model: () => Promise<void>): HT
 }
 
 /** Puts text on the clipboard and says so. */
-export async function copyText(text: string, said: string): Promise<void> {
+export async function copyText(text: string, said: string, otherwise = "Select the text and copy it."): Promise<void> {
   try {
     await navigator.clipboard.writeText(text);
     toast(said, "", "note");
   } catch {
-    toast("The clipboard is closed to this page", "Select the text and copy it.");
+    toast("The clipboard is closed to this page", otherwise);
   }
 }

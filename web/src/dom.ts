@@ -31,6 +31,24 @@ function dress(element: Element, props: Props | null): void {
   }
 }
 
+const FOCUSABLE = "button:not(:disabled), input:not(:disabled), select:not(:disabled)";
+
+/** Builds the inside of `root` anew and puts the focus where it was, or as near as there is something. */
+export function keepFocus(root: HTMLElement, build: () => void): void {
+  const path: number[] = [];
+  let at: Element | null = document.activeElement;
+  const had = at !== null && at !== root && root.contains(at);
+  for (; had && at && at !== root; at = at.parentElement) path.unshift([...at.parentElement!.children].indexOf(at));
+  build();
+  if (!had) return;
+  let now: Element = root;
+  for (const i of path) now = now.children[Math.min(i, now.children.length - 1)] ?? now;
+  for (let near: Element | null = now; near && root.contains(near); near = near.parentElement) {
+    const found = near.matches(FOCUSABLE) ? near : near.querySelector(FOCUSABLE);
+    if (found instanceof HTMLElement) return found.focus({ preventScroll: true });
+  }
+}
+
 const PATHS: Record<string, string> = {
   undo: "M9 7 4 12l5 5M4 12h10a6 6 0 0 1 6 6",
   redo: "m15 7 5 5-5 5M20 12H10a6 6 0 0 0-6 6",

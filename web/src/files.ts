@@ -5,7 +5,7 @@ import { h } from "./dom";
 import type { State } from "./state";
 import type { Store } from "./store";
 import { showProblem, toast } from "./toast";
-import type { Asset } from "./types";
+import type { Asset, MapSpec } from "./types";
 
 const MESHES = /\.(obj|ply|stl|glb)$/i;
 const IMAGES = /\.(png|jpe?g|webp|exr|hdr)$/i;
@@ -20,6 +20,7 @@ export class Files {
   /** File names of uploads by their sha256. */
   readonly names: Record<string, string> = {};
   private readonly kept = new Map<string, File>();
+  private uploading: AbortController | null = null; // of a mesh
 
   constructor(
     private readonly store: Store,
@@ -35,6 +36,7 @@ export class Files {
       over(false);
       const file = event.dataTransfer?.files[0];
       if (file) void this.take(file);
+      if (event.dataTransfer!.files.length > 1) toast("One file at a time", `${file!.name} was taken; drop the others after it.`, "note");
     });
   }
 
@@ -56,20 +58,20 @@ export class Files {
   /** A mesh takes the place of the object, an image that of its colour. */
   async take(file: File): Promise<void> {
     if (IMAGES.test(file.name)) {
-      const map = await this.takeMap(file);
-      if (map)
-        this.store.edit((state) => {
-          state.maps[map].space = "srgb";
-          state.surface.albedo = map;
-        });
+      const map = await this.takeMap(file, "srgb");
+      if (map) this.store.edit((state) => void (state.surface.albedo = map));
       return;
     }
     if (!MESHES.test(file.name)) {
       toast("This kind of file is not read here", `${file.name}: drop a mesh (OBJ, PLY, STL, GLB) or an image.`);
       return;
     }
+    this.cancel(); // the last one counts
+    const abort = (this.uploading = new AbortController());
     this.host.busy("mesh");
-    const asset = await this.upload(file);
+    const asset = await this.upload(file, abort.signal);
+    if (this.uploading !== abort) return;
+    this.uploading = null;
     this.host.busy(null);
     if (!asset) return;
     this.store.edit((state) => {
@@ -77,23 +79,40 @@ export class Files {
       state.maps = {};
       for (const kind of ["albedo", "normal", "normalise"] as const) delete state.surface[kind];
       for (const kind of ["roughness", "specular"] as const) if (typeof state.surface[kind] === "string") delete state.surface[kind];
-      for (const layer of state.layers) layer.thickness_map = null;
-      if (state.layers.some((layer) => layer.by === "given")) state.layers = structuredClone(this.host.initial.layers);
       state.lights = structuredClone(this.host.initial.lights);
-      delete state.methods.parallax;
-      if (state.methods.diffusion === "parallax") state.methods.diffusion = this.host.initial.methods.diffusion;
+      this.unpaint(state);
     });
     this.host.shown("mesh");
+  }
+
+  /** Gives up an upload; whether there was one. */
+  cancel(): boolean {
+    const { uploading } = this;
+    this.uploading = null;
+    uploading?.abort(new DOMException("cancelled", "AbortError"));
+    if (uploading) this.host.busy(null);
+    return uploading !== null;
+  }
+
+  /** Takes away what lies on another object's coordinates. */
+  private unpaint(state: State): void {
+    for (const layer of state.layers) layer.thickness_map = null;
+    if (state.layers.some((layer) => layer.by === "given")) state.layers = structuredClone(this.host.initial.layers);
+    delete state.methods.parallax;
+    if (state.methods.diffusion === "parallax") state.methods.diffusion = this.host.initial.methods.diffusion;
   }
 
   /** The object that the page came with. */
   sample(): void {
     const { mesh, maps, surface, lights } = this.host.initial;
-    this.store.edit((state) => Object.assign(state, structuredClone({ mesh, maps, surface, lights })));
+    this.store.edit((state) => {
+      this.unpaint(state);
+      Object.assign(state, structuredClone({ mesh, maps, surface, lights }));
+    });
   }
 
   /** Uploads an image and names it in the scene; null when it could not. */
-  async takeMap(file: File): Promise<string | null> {
+  async takeMap(file: File, space: "srgb" | "linear"): Promise<string | null> {
     const asset = await this.upload(file);
     if (!asset) return null;
     if (asset.kind !== "map") {
@@ -101,18 +120,27 @@ export class Files {
       return null;
     }
     const stem = file.name.replace(/\.\w+$/, "").replace(/[^\w-]+/g, "-") || "map";
-    this.store.edit((state) => void (state.maps[stem] = { source: { asset: asset.asset }, space: "linear" }), true);
-    return stem;
+    const spec = { source: { asset: asset.asset }, space };
+    let name = stem;
+    // a map of that name stays: layers may be painted with it
+    for (let n = 2; this.taken(name, spec); n++) name = `${stem}-${n}`;
+    this.store.edit((state) => void (state.maps[name] = spec), true);
+    return name;
   }
 
-  private async upload(file: File): Promise<Asset | null> {
+  private taken(name: string, spec: MapSpec): boolean {
+    const there = this.store.state.maps[name];
+    return there !== undefined && JSON.stringify(there) !== JSON.stringify(spec);
+  }
+
+  private async upload(file: File, signal?: AbortSignal): Promise<Asset | null> {
     try {
-      const asset = await api.upload(file);
+      const asset = await api.upload(file, signal);
       this.kept.set(asset.asset, file);
       this.names[asset.asset] = file.name;
       return asset;
     } catch (error) {
-      showProblem(error);
+      if (!signal?.aborted) showProblem(error);
       return null;
     }
   }

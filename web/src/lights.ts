@@ -14,6 +14,12 @@ export function expanded(lights: Light[], showing: Showing | null): Light[] {
   return showing.lights;
 }
 
+/** The same to be written into the scene: null while what the service placed is of other lights. */
+export function apart(lights: Light[], showing: Showing | null): Light[] | null {
+  if (!lights.some((light) => light.type === "studio")) return lights;
+  return showing && JSON.stringify(showing.asked) === JSON.stringify(lights) ? showing.lights : null;
+}
+
 const vector = (values: Triple): Vector3 => new Vector3(...values);
 
 /** Unit direction from the object's centre to a light. */
@@ -59,7 +65,7 @@ const FIELD: Record<Exclude<Light["type"], "studio">, Power> = {
 export const UNITS: Record<Power, string> = {
   intensity_w_per_sr: "W/sr",
   irradiance_w_per_m2: "W/m²",
-  radiance: "W/m² sr",
+  radiance: "W/(m² sr)",
 };
 
 /** The field that says how strong a light is. */

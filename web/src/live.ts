@@ -1,6 +1,7 @@
 // Keeps the picture up with the scene: a draft while it changes, the whole when it rests.
 
 import { api, clientName, NPY, Offline, Problem, sleep } from "./api";
+import { powerOf } from "./lights";
 import { bakedPart, DRAFT, type Baked, draftPart, groundPart, mapPart, shownMaps } from "./parts";
 import { toScene, type State } from "./state";
 import type { Scene, Showing } from "./types";
@@ -37,17 +38,21 @@ export class Live {
   private wanted: Baked | null = null;
   private shown = ""; // what the light on screen was made from
   private settledOn = "";
+  private scene: Omit<Scene, "camera"> | null = null;
   private running = false;
   private moving = false;
   private changedAt = 0;
   private final: AbortController | null = null;
   private place = "";
   private geometryKey = "";
+  private onScreen = ""; // the mesh and the layout that are shown
+  private placing: Promise<void> = Promise.resolve(); // while lights and indices are on their way
   private grounds = new Set<string>(); // meshes and sizes that are known to be quick
   private maps: Record<string, string> = {};
-  private dressing: Promise<void> = Promise.resolve(); // while maps are on their way
+  private dressing: Promise<unknown> = Promise.resolve(); // while maps are on their way
   private readonly client = clientName();
   private bound = 0; // greatest value of the light on screen
+  private power = 0; // of the lights it came from
   private wake: () => void = () => undefined;
   image = "diffused";
   /** How often the light on screen was all that was wanted. */
@@ -64,6 +69,8 @@ export class Live {
     if (!scene.material.layers.length) return;
     const baked = bakedPart(scene);
     const key = this.key(baked);
+    this.scene = scene;
+    this.dress();
     this.moving = moving;
     if (this.wanted && key === this.key(this.wanted)) {
       this.wake();
@@ -72,7 +79,6 @@ export class Live {
     this.wanted = baked;
     this.changedAt = performance.now();
     this.final?.abort(new DOMException("stale", "AbortError"));
-    if (this.events.map) this.dressing = this.showMaps(scene, this.events.map);
     this.wake();
     if (!this.running) void this.run();
   }
@@ -114,6 +120,7 @@ export class Live {
       const key = this.key(scene);
       try {
         if (this.events.ground) await this.ground(scene, this.events.ground);
+        this.dress();
         if (this.shown !== key && scene.atlas.size > DRAFT) {
           await this.draw(scene, true);
           this.shown = key;
@@ -125,6 +132,7 @@ export class Live {
           continue;
         }
         await this.draw(scene, false);
+        await Promise.all([this.placing, this.dressing]); // what failed of them is asked for again
         this.shown = this.settledOn = key;
         wait = 1;
         this.settles++;
@@ -159,27 +167,34 @@ export class Live {
     if (place === this.place) return;
     const start = performance.now();
     const abort = (this.final = new AbortController());
-    const heavy = !this.grounds.has(groundOf(scene));
+    const ground = groundOf(scene);
+    const heavy = !this.grounds.has(ground);
     const progress = heavy
       ? (stage: string, fraction: number) =>
           this.events.badge?.({ state: "busy", texels: scene.atlas.size, ms: performance.now() - start, stage, fraction })
       : undefined;
-    if (heavy) {
+    if (heavy || ground !== this.onScreen) {
       progress?.("surface", 0);
       const buffer = await api.geometry(groundPart(scene), { signal: abort.signal, progress });
-      const showing = (this.showing = await api.showing(scene, { signal: abort.signal }));
+      const showing = (this.showing = { ...(await api.showing(scene, { signal: abort.signal })), asked: scene.lights });
       const other = showing.geometry !== this.geometryKey;
       if (other) this.bound = 0;
       this.geometryKey = showing.geometry;
+      this.onScreen = ground;
       heard(showing, other ? parseGlb(buffer) : null);
     } else {
       // lights and indices alone: the picture need not wait for them
-      void api.showing(scene).then(
+      this.placing = api.showing(scene).then(
         (showing) => {
-          if (this.place === place) heard((this.showing = showing), null);
+          if (this.place === place) heard((this.showing = { ...showing, asked: scene.lights }), null);
         },
-        () => undefined, // the picture's own request tells
+        (error) => {
+          if (this.place !== place) return;
+          this.place = "";
+          throw error;
+        },
       );
+      this.placing.catch(() => undefined); // heard before the picture has settled
     }
     this.place = place;
   }
@@ -198,7 +213,8 @@ export class Live {
     const options = { signal: abort.signal, client: draft && known ? this.client : undefined, progress: known ? undefined : progress };
     const coded = draft && this.bound > 0 && this.image === "diffused";
     if (coded) {
-      const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * HEADROOM)) / 2;
+      const brighter = Math.max(1, powerOfAll(scene.lights) / Math.max(this.power, 1e-12));
+      const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * brighter * HEADROOM)) / 2;
       const body = { ...sized, output: { exposure_ev, tonemap: "linear" } };
       const response = await api.image(body, this.image, { ...options, accept: "image/jpeg" });
       const texture = await fromBlob(await response.blob(), true);
@@ -208,6 +224,7 @@ export class Live {
       const response = await api.image(sized, this.image, { ...options, accept: NPY });
       const image = parseNpy(await response.arrayBuffer());
       this.bound = Math.max(rangeOf(image).high, 1e-6);
+      this.power = powerOfAll(scene.lights);
       if (!draft) this.values = image;
       if (this.settles === 0) await Promise.race([this.dressing, sleep(PATIENCE_MS)]); // not grey first, then coloured
       this.events.light(fromHalf(image), draft ? null : image);
@@ -219,28 +236,38 @@ export class Live {
     this.events.online?.(true);
   }
 
-  /** The maps that the page's own shader uses. */
-  private async showMaps(scene: Omit<Scene, "camera">, show: NonNullable<LiveEvents["map"]>): Promise<void> {
+  /** Asks for the maps that the page's own shader uses and does not have. */
+  private dress(): void {
+    const { scene } = this;
+    const show = this.events.map;
+    if (!scene || !show) return;
+    const asked: Promise<void>[] = [];
     for (const [kind, name] of Object.entries(shownMaps(scene)) as [MapName, string | undefined][]) {
       const spec = name === undefined ? undefined : scene.maps[name];
       const key = spec ? JSON.stringify(spec) : "";
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
-      if (!spec || !name) {
-        void show(kind, null, false);
-        continue;
-      }
-      try {
-        const blob = await api.map(mapPart(scene, name), name);
-        if (this.maps[kind] === key) await show(kind, blob, (spec.space ?? "linear") === "srgb");
-      } catch (error) {
-        this.maps[kind] = "";
-        if (!(error instanceof Offline)) this.events.problem(error);
-        else await sleep(1000);
-      }
+      asked.push(this.showMap(kind, spec && name !== undefined ? () => api.map(mapPart(scene, name), name) : null, (spec?.space ?? "linear") === "srgb", show));
+    }
+    if (!asked.length) return;
+    this.dressing = Promise.all(asked);
+    this.dressing.catch(() => undefined); // heard before the picture has settled
+  }
+
+  private async showMap(kind: MapName, ask: (() => Promise<Blob>) | null, srgb: boolean, show: NonNullable<LiveEvents["map"]>): Promise<void> {
+    const key = this.maps[kind];
+    try {
+      const coded = ask && (await ask());
+      if (this.maps[kind] === key) await show(kind, coded, srgb);
+    } catch (error) {
+      if (this.maps[kind] !== key) return;
+      this.maps[kind] = "unknown"; // to be asked for again
+      throw error;
     }
   }
 }
+
+const powerOfAll = (lights: Scene["lights"]): number => lights.reduce((sum, light) => sum + Math.max(...powerOf(light)), 0);
 
 /** What the answer of /v1/showing depends on. */
 function placeOf(scene: Baked): string {

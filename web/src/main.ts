@@ -30,6 +30,7 @@ async function start(): Promise<void> {
   prepared(document.getElementById("canvas") as HTMLCanvasElement); // while the studio is on its way
   const { App } = await studio;
   if (given.fault) toast("The link could not be read", given.fault);
+  addEventListener("hashchange", () => location.reload()); // a link that was pasted here; the page's own writing is silent
   Object.assign(window, { texsss: new App(given) }); // for tests, and for the curious
 }
 

@@ -1,6 +1,6 @@
 // Light that depends on the view: the service's picture of this view, blended in when the camera rests.
 
-import { api, clientName, Problem } from "./api";
+import { api, clientName, NPY, Offline, Problem } from "./api";
 import { toScene, type State } from "./state";
 import { showProblem } from "./toast";
 import type { Pose } from "./view/orbit";
@@ -10,6 +10,7 @@ import type { Viewer } from "./view/viewer";
 
 const REST_MS = 350;
 const FADE_MS = 260;
+const AGAIN_MS = 2000; // after the service was away
 const PIXELS = 420_000; // of the picture at most
 const DRAFT_PIXELS = 60_000; // while its own numbers are pulled
 
@@ -21,6 +22,7 @@ export interface MarchingHost {
   allowed(): boolean;
   reducedMotion(): boolean;
   busy(text: string | null): void;
+  online(yes: boolean): void;
 }
 
 export class Marching {
@@ -37,10 +39,14 @@ export class Marching {
 
   constructor(private readonly host: MarchingHost) {}
 
-  get wanted(): boolean {
+  /** Whether the picture depends on the view. */
+  private get depends(): boolean {
     const { single_scattering, diffusion } = this.host.state().methods;
-    const depends = this.alone || single_scattering !== "none" || diffusion === "parallax";
-    return depends && this.host.allowed();
+    return this.alone || single_scattering !== "none" || diffusion === "parallax";
+  }
+
+  get wanted(): boolean {
+    return this.depends && this.host.allowed();
   }
 
   /** Something moved: what was marched is of the past. */
@@ -56,7 +62,7 @@ export class Marching {
     const [numbers, rest] = this.parts();
     const [tuned, other] = [numbers !== this.numbers, rest !== this.rest];
     this.numbers = numbers;
-    if (other || (tuned && this.share === 0)) this.moved();
+    if (other || !this.depends || (tuned && this.share === 0)) this.moved();
     else if (tuned) {
       this.stop();
       void this.draft();
@@ -88,7 +94,7 @@ export class Marching {
         await this.ask(DRAFT_PIXELS, { samples: 1 }, { client: this.client });
       }
     } catch (error) {
-      if (!(error instanceof Problem)) throw error; // the whole picture tells
+      if (!(error instanceof Problem || error instanceof Offline)) throw error; // the whole picture tells
     } finally {
       this.drafting = false;
     }
@@ -99,9 +105,14 @@ export class Marching {
     this.host.busy("marching");
     try {
       await this.ask(PIXELS, { samples: 4 }, { signal: abort.signal });
-      if (!abort.signal.aborted) this.fade(1);
+      if (abort.signal.aborted) return;
+      this.host.online(true);
+      this.fade(1);
     } catch (error) {
-      if ((error as Error).name !== "AbortError") showProblem(error);
+      if (error instanceof Offline && !abort.signal.aborted) {
+        this.host.online(false);
+        this.timer = window.setTimeout(() => void this.march(), AGAIN_MS);
+      } else if ((error as Error).name !== "AbortError") showProblem(error);
     } finally {
       if (this.abort === abort) {
         this.abort = null;
@@ -118,7 +129,7 @@ export class Marching {
     const scene = { ...toScene(this.host.state()), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
     if (this.alone && scene.methods.single_scattering === "none") scene.methods.single_scattering = "exact";
     const image = this.alone ? "single" : "picture";
-    const response = await api.image(scene, image, { ...options, accept: "application/x-npy" });
+    const response = await api.image(scene, image, { ...options, accept: NPY });
     const values = parseNpy(await response.arrayBuffer());
     if (!options.signal?.aborted) viewer.setMarch(fromHalf(values));
   }

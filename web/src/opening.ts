@@ -23,10 +23,23 @@ export async function opening(): Promise<Opening> {
   let fault = "";
   const reading = readHash(location.hash).catch((error) => ((fault = String(error)), null));
   const [scenes, presets, shared] = await Promise.all([api.scenes(), api.presets(), reading]);
-  const initial = fromScene({ ...scenes[0].scene, ...shared?.scene } as Scene, presets);
-  const state = shared?.state ?? structuredClone(initial);
-  if (!shared?.view?.inside || shared.view.inside === "picture") ask(state);
-  return { scenes, presets, shared, fault, initial, state };
+  const own = fromScene(scenes[0].scene, presets);
+  try {
+    const initial = shared?.scene ? fromScene(filled(scenes[0].scene, shared.scene), presets) : own;
+    const state = shared?.state ? { ...own, ...shared.state, output: { ...own.output, ...shared.state.output }, methods: { ...own.methods, ...shared.state.methods } } : structuredClone(initial);
+    if (!shared?.view?.inside || shared.view.inside === "picture") ask(state);
+    else bakedPart(toScene(state)); // or it throws
+    return { scenes, presets, shared, fault, initial, state };
+  } catch (error) {
+    return { scenes, presets, shared: null, fault: fault || String(error), initial: own, state: structuredClone(own) };
+  }
+}
+
+/** A scene with parts of another, as the service takes parts: what they leave out has the defaults of the schema. */
+function filled(scene: Scene, part: Partial<Scene>): Scene {
+  const { atlas, methods, output } = scene;
+  const made = { ...scene, ...part, atlas: { ...atlas, ...part.atlas }, methods: { ...methods, ...part.methods }, output: { ...output, ...part.output } };
+  return { ...made, material: { ...made.material, surface: made.material.surface ?? {} } };
 }
 
 /** Asks for the light first as a draft, as `Live` will. */

@@ -34,10 +34,10 @@ export const groundPart = ({ mesh, atlas }: Pick<Scene, "mesh" | "atlas">) => ({
 export const draftPart = (scene: Baked): Baked => ({ ...scene, atlas: { ...scene.atlas, raster: Math.min(DRAFT, scene.atlas.size) } });
 
 /** The names of the maps that the page's own shader uses. */
-export function shownMaps({ material }: Pick<Scene, "material">) {
+export function shownMaps({ material, methods }: Pick<Scene, "material" | "methods">) {
   const { albedo, albedo_mode, roughness, specular, normal } = material.surface;
   return {
-    albedo: albedo_mode === "pre" ? undefined : albedo,
+    albedo: albedo_mode === "pre" || methods.diffusion === "parallax" ? undefined : albedo, // else it is in the light
     roughnessMap: typeof roughness === "string" ? roughness : undefined,
     specularMap: typeof specular === "string" ? specular : undefined,
     normalMap: normal,

@@ -76,7 +76,8 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
   if (preset && (!medium || medium.preset)) return { ...presetLayer(preset, number), thickness_map: painted };
   const { sigma_a_per_mm: a, sigma_s_per_mm: s, g = 0, eta = 1.3 } = medium ?? {};
   const plain = (value: unknown): value is number | Triple => typeof value === "number" || Array.isArray(value);
-  if (!plain(a) || !plain(s)) return { ...base, by: "given", medium: spec.medium };
+  const even = !Array.isArray(g) || g.every((value) => value === g[0]); // a card has one for all colours
+  if (!plain(a) || !plain(s) || !even) return { ...base, by: "given", medium: spec.medium };
   const [sigma_a, sigma_s, one] = [triple(a), triple(s), triple(g)[0]];
   const look = { colour: toColour(sigma_a, sigma_s, one), distance_mm: meanFreePath(sigma_a, sigma_s) };
   return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta };

@@ -27,6 +27,7 @@ export class Status {
   private readonly bar = h("progress", { max: 1, "aria-label": "Progress" });
   private readonly stage = h("span");
   private timer = 0;
+  private readonly missing = new Map<string, string>();
   private last: Badge = { state: "stopped", texels: 0, ms: 0 };
 
   constructor(cancel: () => void) {
@@ -63,10 +64,12 @@ export class Status {
   }
 
   /** Says that something is away; null: it is back. */
-  away(text: string | null): void {
-    if (this.banner.hidden === (text === null) && this.banner.textContent === (text ?? this.banner.textContent)) return;
-    this.banner.hidden = text === null;
-    this.banner.replaceChildren(...(text === null ? [] : [icon("reset"), text]));
+  away(what: "card" | "service", text: string | null): void {
+    if ((this.missing.get(what) ?? null) === text) return;
+    if (text === null) this.missing.delete(what);
+    else this.missing.set(what, text);
+    this.banner.hidden = this.missing.size === 0;
+    this.banner.replaceChildren(...(this.missing.size ? [icon("reset"), [...this.missing.values()].join(" ")] : []));
   }
 }
 

@@ -122,13 +122,13 @@ export interface Showing {
   geometry: string;
   mesh: { name: string; faces: number; unit_mm: number; unit_assumed: boolean; box_mm: [Triple, Triple] };
   atlas: { origin: string; charts: number; texels: number; texel_mm: number };
-  camera: { position_mm: Triple; target_mm: Triple; fov_y_deg: number };
   lights: Light[];
+  /** What `lights` is the answer to; the page's own note. */
+  asked?: Light[];
   background: Triple | [Triple, Triple];
   eta: number;
   transmittance: number;
   variances_mm2: number[];
-  normalised: boolean;
 }
 
 export interface Preset {

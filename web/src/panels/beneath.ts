@@ -1,11 +1,11 @@
 // Pictures beneath the surface, which shift with the view (Oat 2006): what lies there, how deep, how much shows.
 
 import { type Control, section, slider } from "../controls";
-import { h, icon, iconButton } from "../dom";
+import { h, icon, iconButton, keepFocus } from "../dom";
 import type { State } from "../state";
 import type { Store } from "../store";
 import type { Parallax } from "../types";
-import type { MapHost } from "./look";
+import { MAP_FILES, type MapHost } from "./look";
 
 const MOST = 4;
 const DEPTH_MM = 1;
@@ -44,7 +44,8 @@ export class BeneathSection {
     const add = h("button", { type: "button", class: "wide", onclick: () => this.take(layers.length) }, icon("add"), "Add a picture beneath");
     add.hidden = layers.length >= MOST;
     const said = layers.length ? "Seen from this side, and drawn by the service when the view rests." : "Nothing lies there yet: add a picture that is laid out like the colour map.";
-    this.element.replaceChildren(this.heading, h("p", { class: "note" }, said), layers.length ? keep(hidden) : "", ...layers.map((_, i) => this.layer(i, keep)), add);
+    const cards = layers.map((_, i) => this.layer(i, keep));
+    keepFocus(this.element, () => this.element.replaceChildren(this.heading, h("p", { class: "note" }, said), layers.length ? keep(hidden) : "", ...cards, add));
   }
 
   private layer(index: number, keep: (control: Control) => HTMLElement): HTMLElement {
@@ -83,11 +84,10 @@ export class BeneathSection {
   }
 
   private async take(index: number): Promise<void> {
-    const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");
-    const map = file ? await this.host.takeMap(file) : null;
+    const file = await this.host.pickFile(MAP_FILES);
+    const map = file ? await this.host.takeMap(file, "srgb") : null;
     if (!map) return;
     this.store.edit((state) => {
-      state.maps[map].space = "srgb";
       const { layers } = parallax(state.methods);
       layers[index] = { ...(layers[index] ?? { depth_mm: DEPTH_MM }), base: map };
     });

@@ -58,6 +58,7 @@ export class InsidePanel {
   private readonly flat: HTMLButtonElement;
   private readonly seams: HTMLButtonElement;
   private stop = STOPS[0];
+  private asked = 1; // which copy or layer
 
   constructor(private readonly host: InsideHost) {
     this.select = h("select", { id: "inside", onchange: () => this.choose(this.select.value) }, ...STOPS.map((stop) => h("option", { value: stop.key }, stop.name)));
@@ -102,7 +103,8 @@ export class InsidePanel {
     this.legend.hidden = false;
     const bar = h("span", { class: `bar ${this.stop.show}` });
     const title = this.stop.of ? `${this.stop.name}, ${this.numberSaid.value}` : this.stop.name;
-    this.legend.replaceChildren(h("strong", null, title), bar, h("span", { class: "ends" }, h("span", null, plain(low)), h("span", null, this.stop.unit), h("span", null, plain(high))));
+    if (this.stop.show === "light") this.legend.replaceChildren(h("strong", null, title), h("p", null, `${plain(low)} to ${plain(high)} ${this.stop.unit}, by exposure and tone map as in the picture`));
+    else this.legend.replaceChildren(h("strong", null, title), bar, h("span", { class: "ends" }, h("span", null, plain(low)), h("span", null, this.stop.unit), h("span", null, plain(high))));
   }
 
   sync(): void {
@@ -113,11 +115,13 @@ export class InsidePanel {
     const layers = this.host.state().layers.filter((layer) => !layer.muted).length;
     this.number.max = String(of === "layer" ? layers : this.host.state().methods.terms);
     const k = this.number.valueAsNumber;
+    if (of && this.asked > k) return this.ask(); // that one is gone
     const variance = this.host.showing()?.variances_mm2[k - 1];
     this.numberSaid.value = of === "layer" ? `layer ${k}` : variance === undefined ? `${k}` : variance === 0 ? "not blurred" : `σ ${plain(Math.sqrt(variance))} mm`;
   }
 
   private ask(): void {
+    this.asked = this.number.valueAsNumber;
     this.sync();
     const { stop } = this;
     this.legend.hidden = true;

@@ -1,13 +1,14 @@
 // The layer stack: a card per layer, from the surface inwards.
 
 import { check, choice, colour, type Control, slider, triple } from "../controls";
-import { h, icon, iconButton } from "../dom";
+import { h, icon, iconButton, keepFocus } from "../dom";
 import { meanFreePath, toColour } from "../material";
 import { RECIPES, SPOKEN } from "../recipes";
 import { coefficients, type Layer, presetLayer, type State } from "../state";
 import type { Store } from "../store";
 import type { Preset, Triple } from "../types";
-import type { MapHost } from "./look";
+import { MAP_FILES, type MapHost } from "./look";
+import { toast } from "../toast";
 import { CrossSection, swatch } from "./section";
 
 const MOST = 8;
@@ -26,6 +27,7 @@ export class LayersPanel {
   private readonly presets: Map<string, Preset>;
   private readonly add: HTMLButtonElement;
   private open = 0;
+  private painted: string | undefined; // the colour map that was last worn
 
   constructor(
     private readonly store: Store,
@@ -33,6 +35,7 @@ export class LayersPanel {
     private readonly initial: State,
     private readonly host: LayersHost,
   ) {
+    this.painted = initial.surface.albedo;
     this.presets = new Map(presets.map((preset) => [preset.name, preset]));
     this.section = new CrossSection((index) => this.show(index));
     this.add = h("button", { type: "button", class: "wide", onclick: () => this.addLayer() }, icon("add"), "Add a layer on top");
@@ -48,13 +51,15 @@ export class LayersPanel {
       dots.style.setProperty("--bottom", swatch(layers[layers.length - 1]));
       const act = () => {
         this.open = 0;
+        const had = this.store.state.surface.albedo;
+        this.painted = had ?? this.painted;
         this.store.edit((state) => {
           state.layers = recipe.layers(this.presets);
-          const painted = this.initial.surface.albedo;
           if (!recipe.painted) delete state.surface.albedo;
-          else if (painted && state.maps[painted]) state.surface.albedo = painted;
+          else if (this.painted && state.maps[this.painted]) state.surface.albedo = this.painted;
         });
         this.host.announce(`${recipe.name}: ${recipe.what}`);
+        if (had && !recipe.painted) toast(`${recipe.name} shows its own colour`, `The colour map “${had}” is taken off. Skin, Fair skin and Fish wear it, and so does Undo; or choose it under Surface.`, "note");
       };
       const chip = h("button", { type: "button", class: "chip", title: recipe.what, onclick: act }, dots, recipe.name);
       this.chips.push([chip, JSON.stringify(layers)]);
@@ -94,12 +99,10 @@ export class LayersPanel {
   }
 
   private rebuild(): void {
-    const focused = document.activeElement?.id;
     const { layers } = this.store.state;
     this.open = Math.min(this.open, layers.length - 1);
     this.controls = [];
-    this.cards.replaceChildren(...layers.map((layer, index) => this.card(layer, index)));
-    if (focused) document.getElementById(focused)?.focus();
+    keepFocus(this.cards, () => this.cards.replaceChildren(...layers.map((layer, index) => this.card(layer, index))));
   }
 
   private card(layer: Layer, index: number): HTMLElement {
@@ -135,6 +138,7 @@ export class LayersPanel {
   private body(layer: Layer, index: number): HTMLElement {
     const at = (state: State): Layer => state.layers[index] ?? layer;
     const keep = (control: Control) => (this.controls.push(control), control.element);
+    const heard = this.heard(index);
     const first = this.initial.layers[index] ?? layer;
     const body = h("div", { class: "card-body" });
     const modes: [Layer["by"], string][] = [
@@ -148,7 +152,7 @@ export class LayersPanel {
       const choices = [...this.presets.keys()].map((name): [string, string] => [name, SPOKEN[name] ?? name]);
       const set = (state: State, name: string) =>
         Object.assign(at(state), { ...presetLayer(this.presets.get(name)!, null), thickness_mm: at(state).thickness_mm, thickness_map: at(state).thickness_map });
-      body.append(keep(choice(this.store, { label: "Material", choices, pointer: `/material/layers/${index}/medium`, get: (state) => at(state).preset, set })));
+      body.append(keep(choice(this.store, { label: "Material", choices, pointer: `/material/layers/${heard}/medium`, get: (state) => at(state).preset, set })));
     }
     if (layer.by === "colour") {
       body.append(keep(colour(this.store, { label: "Colour", get: (state) => at(state).colour, set: (state, value) => void (at(state).colour = value) })));
@@ -164,7 +168,7 @@ export class LayersPanel {
     }
     if (layer.by === "coefficients") {
       const field = (name: "sigma_a" | "sigma_s", label: string) =>
-        keep(triple(this.store, { label, unit: "1/mm", least: 0, pointer: `/media/layer-${index + 1}/${name}_per_mm`, get: (state) => at(state)[name], set: (state, value) => void (at(state)[name] = value) }));
+        keep(triple(this.store, { label, unit: "1/mm", least: 0, pointer: `/media/layer-${heard + 1}/${name}_per_mm`, get: (state) => at(state)[name], set: (state, value) => void (at(state)[name] = value) }));
       body.append(field("sigma_a", "Absorption σₐ"), field("sigma_s", "Scattering σₛ"));
     }
     if (layer.by === "colour" || layer.by === "coefficients") {
@@ -175,6 +179,11 @@ export class LayersPanel {
     }
     body.append(this.thickness(layer, index, keep));
     return body;
+  }
+
+  /** The number of a layer among those that the service hears of. */
+  private heard(index: number): number {
+    return this.store.state.layers.slice(0, index).filter((layer) => !layer.muted).length;
   }
 
   private initialFor(index: number): State {
@@ -209,7 +218,7 @@ export class LayersPanel {
       return box;
     }
     if (layer.thickness_mm !== null || !last) {
-      box.append(keep(slider(this.store, { label: "Thickness", unit: "mm", min: 0.01, max: 20, limits: [0.0001, 10000], log: true, pointer: `/material/layers/${index}/thickness_mm`, get: (state) => at(state).thickness_mm ?? 1, set: (state, value) => void (at(state).thickness_mm = value), initial })));
+      box.append(keep(slider(this.store, { label: "Thickness", unit: "mm", min: 0.01, max: 20, limits: [0.0001, 10000], log: true, pointer: `/material/layers/${this.heard(index)}/thickness_mm`, get: (state) => at(state).thickness_mm ?? 1, set: (state, value) => void (at(state).thickness_mm = value), initial })));
     }
     const buttons = h("div", { class: "buttons" });
     if (last) {
@@ -217,7 +226,7 @@ export class LayersPanel {
       box.append(keep(check(this.store, { label: "Goes on without end", hint: "As deep as the object; else light leaves at the bottom", get: (state) => at(state).thickness_mm === null, set })));
     }
     const pick = async () => {
-      const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");
+      const file = await this.host.pickFile(MAP_FILES);
       if (file) await this.takeThickness(file, index);
     };
     buttons.append(h("button", { type: "button", title: "Or drop an image on this card", onclick: pick }, icon("map"), "Thickness from a picture…"));
@@ -226,7 +235,7 @@ export class LayersPanel {
   }
 
   private async takeThickness(file: File, index: number): Promise<void> {
-    const name = await this.host.takeMap(file);
+    const name = await this.host.takeMap(file, "linear");
     if (!name) return;
     this.store.edit((state) => {
       const layer = state.layers[index];

@@ -3,8 +3,8 @@
 import { Vector3 } from "three";
 import type { Aim } from "../aim";
 import { colour, type Control, section, slider } from "../controls";
-import { h, icon, iconButton } from "../dom";
-import { distanceOf, expanded, lamp, type Movable, movable, powerField, powerOf, SETUPS, UNITS, withPower } from "../lights";
+import { h, icon, iconButton, keepFocus } from "../dom";
+import { apart, distanceOf, lamp, type Movable, movable, powerField, powerOf, SETUPS, UNITS, withPower } from "../lights";
 import type { State } from "../state";
 import type { Store } from "../store";
 import type { Light, Showing, Triple } from "../types";
@@ -32,6 +32,7 @@ export class LightPanel {
   private controls: Control[] = [];
   private structure = "";
   private readonly chips: HTMLElement[];
+  private readonly adds: HTMLButtonElement[];
 
   constructor(
     private readonly store: Store,
@@ -49,6 +50,7 @@ export class LightPanel {
     const adds = more.map(([name, make]) =>
       h("button", { type: "button", onclick: () => this.addLight(make(this.centre, this.diagonal)) }, icon("add"), name),
     );
+    this.adds = adds;
     this.element.append(
       section("Start from", h("div", { class: "chips", role: "group", "aria-label": "Light to start from" }, ...this.chips)),
       section("Lights", h("p", { class: "note" }, "Drag the sun in the picture, or drag anywhere with Shift or two fingers: the light goes around the object, behind it too."), this.list),
@@ -67,22 +69,26 @@ export class LightPanel {
   }
 
   private addLight(light: Light): void {
-    this.host.aim.active = this.store.state.lights.length;
-    this.store.edit((state) => {
-      state.lights = [...expanded(state.lights, this.host.showing()), light].slice(0, MOST);
-      this.host.aim.active = state.lights.length - 1;
-    });
+    const lights = apart(this.store.state.lights, this.host.showing());
+    if (!lights) return; // the studio's lamps are on their way
+    this.host.aim.active = lights.length;
+    this.store.edit((state) => void (state.lights = [...lights, light]));
   }
 
   sync(): void {
     const { lights } = this.store.state;
-    const structure = JSON.stringify([lights.map((light) => light.type), this.host.aim.active, this.host.showing()?.geometry]);
-    if (structure !== this.structure) {
+    const structure = JSON.stringify([lights.map((light) => light.type), this.host.aim.among(lights), this.host.showing()?.geometry]);
+    // a slider that is held stays: one more of the same list comes when it is let go
+    if (structure !== this.structure && !(this.structure && this.store.editing)) {
       this.structure = structure;
       this.controls = [];
       const cards = lights.map((light, index) => this.card(light, index));
-      this.list.replaceChildren(...(cards.length ? cards : [h("li", { class: "note" }, "It is dark: add a light below, or start from one above.")]));
+      keepFocus(this.list, () => this.list.replaceChildren(...(cards.length ? cards : [h("li", { class: "note" }, "It is dark: add a light below, or start from one above.")])));
     } else for (const control of this.controls) control.sync();
+    for (const add of this.adds) {
+      add.disabled = (apart(lights, this.host.showing()) ?? lights).length >= MOST;
+      add.title = add.disabled ? `${MOST} lights are the most here` : "";
+    }
     const made = JSON.stringify(lights);
     SETUPS.forEach((setup, i) => this.chips[i].setAttribute("aria-pressed", String(JSON.stringify(setup.make(this.centre, this.diagonal)) === made)));
   }
@@ -90,7 +96,7 @@ export class LightPanel {
   private card(light: Light, index: number): HTMLElement {
     const at = (state: State): Light => state.lights[index] ?? light;
     const put = (state: State, next: Light) => void (state.lights[index] = next);
-    const active = index === this.host.aim.active;
+    const active = index === this.host.aim.among(this.store.state.lights);
     const keep = (control: Control) => (this.controls.push(control), control.element);
     const name = NAMES[light.type];
     const title = h(
@@ -100,7 +106,10 @@ export class LightPanel {
       h("span", { class: "title" }, lights(this.store) > 1 ? `${name} ${index + 1}` : name),
       active && movable(light) ? h("span", { class: "tag" }, "moves") : null,
     );
-    const remove = iconButton("remove", `Remove ${name.toLowerCase()} ${index + 1}`, () => this.store.edit((state) => void state.lights.splice(index, 1)));
+    const remove = iconButton("remove", `Remove ${name.toLowerCase()} ${index + 1}`, () => {
+      if (index < this.host.aim.active) this.host.aim.active--;
+      this.store.edit((state) => void state.lights.splice(index, 1));
+    });
     const body = h("div", { class: "card-body" });
     const unit = light.type === "studio" ? "×" : UNITS[powerField(light)];
     const peak = (state: State) => Math.max(...powerOf(at(state)));
@@ -139,7 +148,7 @@ export class LightPanel {
       body.append(keep(slider(this.store, { label: "Radius", unit: "mm", min: 0.01 * this.diagonal, max: this.diagonal, limits: [1e-3, 1e5], log: true, get, set })));
     }
     if (light.type === "studio") {
-      const take = () => this.store.edit((state) => void (state.lights = expanded(state.lights, this.host.showing())));
+      const take = () => this.store.edit((state) => void (state.lights = apart(state.lights, this.host.showing()) ?? state.lights));
       body.append(h("div", { class: "buttons" }, h("button", { type: "button", onclick: take }, "Take apart into lamps")));
     }
     return h("li", { class: `card open${active ? " active" : ""}` }, h("div", { class: "card-head" }, title, remove), body);

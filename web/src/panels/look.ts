@@ -1,7 +1,7 @@
 // The picture and the surface's gloss: what the page's own shader does, at once.
 
 import { check, choice, type Control, section, slider } from "../controls";
-import { h, icon } from "../dom";
+import { h, icon, keepFocus } from "../dom";
 import type { State } from "../state";
 import type { Store } from "../store";
 import type { Tonemap, Triple } from "../types";
@@ -42,10 +42,13 @@ export function viewSection(store: Store, initial: State): { element: HTMLElemen
   return { element: section("Picture", ...controls.map((control) => control.element)), controls };
 }
 
+/** What a map may be, as a file field takes it. */
+export const MAP_FILES = "image/png,image/jpeg,image/webp,.exr,.hdr";
+
 /** Where pictures come from. */
 export interface MapHost {
   /** Uploads a file and names it as a map; null when it could not. */
-  takeMap(file: File): Promise<string | null>;
+  takeMap(file: File, space: "srgb" | "linear"): Promise<string | null>;
   pickFile(accept: string): Promise<File | null>;
 }
 
@@ -100,19 +103,15 @@ export class SurfaceSection {
       this.controls.push(where, whole);
       nodes.push(where.element, whole.element);
     }
-    this.element.replaceChildren(this.element.firstElementChild!, ...nodes);
+    keepFocus(this.element, () => this.element.replaceChildren(this.element.firstElementChild!, ...nodes));
   }
 
   private map(kind: "albedo" | "normal", label: string): HTMLElement {
     const name = this.store.state.surface[kind];
     const pick = async () => {
-      const file = await this.host.pickFile("image/png,image/jpeg,image/webp,.exr,.hdr");
-      const map = file ? await this.host.takeMap(file) : null;
-      if (!map) return;
-      this.store.edit((state) => {
-        state.surface[kind] = map;
-        state.maps[map].space = kind === "albedo" ? "srgb" : "linear";
-      });
+      const file = await this.host.pickFile(MAP_FILES);
+      const map = file ? await this.host.takeMap(file, kind === "albedo" ? "srgb" : "linear") : null;
+      if (map) this.store.edit((state) => void (state.surface[kind] = map));
     };
     const remove = () => this.store.edit((state) => void delete state.surface[kind]);
     const buttons = h("div", { class: "buttons" }, h("button", { type: "button", onclick: pick }, icon("map"), name ? "Replace…" : "Choose…"), name ? h("button", { type: "button", onclick: remove }, icon("remove"), "Remove") : null);

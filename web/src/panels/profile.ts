@@ -29,6 +29,13 @@ export class ProfilePanel {
     this.draw();
   }
 
+  /** Follows mesh and light map: texels, and what is said of the scale. */
+  place(showing: Showing): void {
+    const before = this.showing;
+    this.showing = showing;
+    if (JSON.stringify([before?.mesh, before?.atlas]) !== JSON.stringify([showing.mesh, showing.atlas])) this.draw();
+  }
+
   /** Draws again, as when the colours of the page changed. */
   draw(): void {
     const { profile } = this;

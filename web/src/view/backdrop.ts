@@ -4,7 +4,7 @@ import { GLSL3, Mesh, PlaneGeometry, ShaderMaterial, Vector3 } from "three";
 import type { Showing, Tonemap, Triple } from "../types";
 import { DITHER, TONE, TONEMAPS, type toneUniforms } from "./tone";
 
-const STRIPS = 64; // toned at their edges, so that no pixel pays for it; a display shows no difference
+const STRIPS = 24; // toned at their edges, so that no pixel pays for it; a display shows no difference
 
 const VERTEX = /* glsl */ `
 out vec3 shade;

@@ -10,7 +10,10 @@ export interface Decoded {
   height: number;
 }
 
-self.onmessage = async ({ data: { coded, srgb } }: MessageEvent<{ coded: Blob; srgb: boolean }>) => {
+self.onmessage = ({ data: { coded, srgb } }: MessageEvent<{ coded: Blob; srgb: boolean }>) =>
+  decoded(coded, srgb).catch((error) => self.postMessage(`The image could not be decoded: ${error.message}`));
+
+async function decoded(coded: Blob, srgb: boolean): Promise<void> {
   const bitmap = await createImageBitmap(coded, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   const { width, height } = bitmap;
   const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true })!;
@@ -20,4 +23,4 @@ self.onmessage = async ({ data: { coded, srgb } }: MessageEvent<{ coded: Blob; s
   const values = new Uint16Array(bytes.length);
   for (let i = 0; i < bytes.length; i++) values[i] = table[bytes[i]];
   self.postMessage({ values, width, height } satisfies Decoded, { transfer: [values.buffer] });
-};
+}

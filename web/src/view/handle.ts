@@ -22,14 +22,17 @@ export class LightHandle {
     this.button.setAttribute("aria-label", "Light: drag it, or use the arrow keys");
     overlay.append(this.line, this.button);
     let last: { x: number; y: number } | null = null;
+    let away = 1; // -1: behind the object, where the same turn goes the other way
+    const side = () => (this.button.classList.contains("behind") ? -1 : 1);
     this.button.addEventListener("pointerdown", (event) => {
       event.stopPropagation();
       this.button.setPointerCapture(event.pointerId);
       last = { x: event.clientX, y: event.clientY };
+      away = side();
     });
     this.button.addEventListener("pointermove", (event) => {
       if (!last) return;
-      const speed = Math.PI / Math.min(overlay.clientWidth, overlay.clientHeight);
+      const speed = (away * Math.PI) / Math.min(overlay.clientWidth, overlay.clientHeight);
       events.turn((event.clientX - last.x) * speed, (event.clientY - last.y) * speed);
       last = { x: event.clientX, y: event.clientY };
     });
@@ -43,7 +46,7 @@ export class LightHandle {
       if (!step) return;
       event.preventDefault();
       event.stopPropagation();
-      events.turn(step[0] * 0.12, step[1] * 0.12);
+      events.turn(step[0] * 0.12 * side(), step[1] * 0.12 * side());
       events.done();
     });
   }
@@ -63,8 +66,9 @@ export class LightHandle {
     const { clientWidth: width, clientHeight: height } = this.viewer.canvas;
     const at = this.viewer.project(centre.clone().addScaledVector(this.direction, REACH * radius));
     const middle = this.viewer.project(centre);
-    const x = Math.min(Math.max(at.x, MARGIN), width - MARGIN);
-    const y = Math.min(Math.max(at.y, MARGIN), height - MARGIN);
+    // whole pixels: a browser without a graphics card need not blend it between them
+    const x = Math.round(Math.min(Math.max(at.x, MARGIN), width - MARGIN));
+    const y = Math.round(Math.min(Math.max(at.y, MARGIN), height - MARGIN));
     this.button.style.transform = `translate(${x}px, ${y}px)`;
     this.button.classList.toggle("behind", !at.front);
     this.line.classList.toggle("behind", !at.front);

@@ -34,6 +34,8 @@ export interface Beam {
   power: Vector3;
   /** Axis, and the cosine of the angle where it ends; -2: it shines everywhere. */
   cone: Vector4;
+  /** Cosine of the angle up to which it is whole. */
+  inner: number;
 }
 
 export function newLook(): Look {
@@ -103,6 +105,7 @@ export const surfaceUniforms = () => ({
   lightPlace: uniform(Array.from({ length: LIGHTS }, () => new Vector4())),
   lightPower: uniform(Array.from({ length: LIGHTS }, () => new Vector3())),
   lightCone: uniform(Array.from({ length: LIGHTS }, () => new Vector4())),
+  lightInner: uniform(new Array<number>(LIGHTS).fill(1)),
   ambient: uniform(new Vector3()),
 });
 
@@ -128,7 +131,8 @@ export function applyLook(look: Look, to: SurfaceUniforms): void {
   for (const name of Object.keys(look.maps) as MapName[]) to[name].value = look.maps[name] ?? blank;
   for (const name of ["roughness", "specular", "secondLobe", "normalY", "eta", "transmittance"] as const) to[name].value = look[name];
   to.ambient.value.copy(look.ambient);
-  look.beams.forEach(({ place, power, cone }, i) => {
+  look.beams.forEach(({ place, power, cone, inner }, i) => {
+    to.lightInner.value[i] = inner;
     to.lightPlace.value[i].copy(place);
     to.lightPower.value[i].copy(power);
     to.lightCone.value[i].copy(cone);
@@ -138,23 +142,24 @@ export function applyLook(look: Look, to: SurfaceUniforms): void {
 /** The first lights that make highlights; those with a size count as points. */
 function beamsOf(lights: Light[]): Beam[] {
   const found: Beam[] = [];
-  const add = (place: Triple, w: number, power: Triple, factor: number, axis?: Triple, outer_deg = 0) => {
+  const add = (place: Triple, w: number, power: Triple, factor: number, axis?: Triple, outer_deg = 0, inner_deg = 0) => {
     const direction = new Vector3(...(axis ?? [0, 0, 1])).normalize();
     const cosine = axis ? Math.cos((outer_deg * Math.PI) / 180) : -2;
+    const inner = Math.cos((Math.min(inner_deg, outer_deg - 0.01) * Math.PI) / 180);
     const cone = new Vector4(...direction.toArray(), cosine);
-    found.push({ place: new Vector4(...place, w), power: new Vector3(...power).multiplyScalar(factor), cone });
+    found.push({ place: new Vector4(...place, w), power: new Vector3(...power).multiplyScalar(factor), cone, inner });
   };
   for (const light of lights) {
     if (light.type === "point") add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2);
     else if (light.type === "spot")
-      add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2, light.direction, light.outer_deg);
+      add(light.position_mm, 1, light.intensity_w_per_sr, MM2_PER_M2, light.direction, light.outer_deg ?? 25, light.inner_deg ?? 20);
     else if (light.type === "directional")
       add(new Vector3(...light.direction).normalize().toArray(), 0, light.irradiance_w_per_m2, 1);
     else if (light.type === "sphere") add(light.position_mm, 1, light.radiance, Math.PI * light.radius_mm ** 2);
     else if (light.type === "rectangle") {
       const across = new Vector3(...light.width_mm).cross(new Vector3(...light.height_mm));
       const area = across.length();
-      add(light.position_mm, 1, light.radiance, area, across.normalize().toArray(), 89);
+      add(light.position_mm, 1, light.radiance, area, across.normalize().toArray(), 90); // by the cosine
     }
   }
   return found.slice(0, LIGHTS);

@@ -59,9 +59,8 @@ export function rgba(image: HalfImage): Uint16Array<ArrayBuffer> {
   return out;
 }
 
-/** Least and greatest value, and the greatest but for a thousandth of the pixels. */
-export function rangeOf(image: HalfImage): { low: number; high: number; most: number } {
-  const { data } = image;
+/** Least and greatest value. */
+export function rangeOf({ data }: HalfImage): { low: number; high: number } {
   let low = Infinity;
   let high = -Infinity;
   for (const bits of data) {
@@ -69,11 +68,5 @@ export function rangeOf(image: HalfImage): { low: number; high: number; most: nu
     if (value < low) low = value;
     if (value > high) high = value;
   }
-  // positive halves sort as their bits do
-  const counts = new Uint32Array(0x7c00);
-  for (const bits of data) if (bits < 0x7c00) counts[bits]++;
-  let left = data.length / 1000;
-  let most = 0x7bff;
-  while (most > 0 && (left -= counts[most]) > 0) most--;
-  return { low, high, most: TABLE[most] };
+  return { low, high };
 }

@@ -62,6 +62,12 @@ export class Orbit {
     this.apply();
   }
 
+  /** `radius` [mm] of another object, which stands where the camera looks. */
+  reach(radius: number): void {
+    this.radius = radius;
+    this.apply();
+  }
+
   turn(yaw: number, pitch = 0): void {
     this.yaw += yaw;
     this.pitch = MathUtils.clamp(this.pitch + pitch, -LIMIT, LIMIT);

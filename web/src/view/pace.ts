@@ -2,6 +2,7 @@
 
 const LATE_MS = 40; // a frame that took longer is late
 const PATIENCE = 3; // late frames, one after the other, until frames are drawn quickly
+const EASE = 60; // quick frames in time, one after the other, until frames are drawn whole again
 const GOAL_MS = 28;
 const REST_MS = 200; // after the last movement
 const COARSEST = 1 / 3; // of the pixels along an edge
@@ -13,16 +14,20 @@ export class Pace {
   private late = 0;
   private movedAt = -Infinity;
   private asked = false; // for a frame of a movement, which is owed however late it comes
+  private early = 0;
   private quickly = false; // how the frame on screen was drawn
   /** Of the pixels along an edge, in frames that are drawn quickly. */
   share = 0.6;
 
-  /** `slow`: that frames take long is known from the start. */
+  slow: boolean;
+
+  /** `known`: frames take long, as is known from the start. */
   constructor(
-    public slow: boolean,
+    private readonly known: boolean,
     private readonly draw: (quickly: boolean) => void,
     private readonly turnedSlow: () => void,
   ) {
+    this.slow = known;
     requestAnimationFrame(this.step);
   }
 
@@ -59,6 +64,8 @@ export class Pace {
       this.slow = this.late >= PATIENCE;
       if (this.slow) this.turnedSlow();
     } else if (this.quickly) {
+      this.early = this.share === 1 && took < GOAL_MS ? this.early + 1 : 0;
+      if (this.early >= EASE && !this.known) this.slow = false; // it was a hiccup
       // time goes with pixels
       const factor = Math.max(Math.sqrt(GOAL_MS / took), 0.7);
       const wanted = Math.min(Math.max(this.share * factor, COARSEST), 1);

@@ -2,10 +2,12 @@
 // those alone that turn towards the eye.
 
 import { BufferAttribute, BufferGeometry, DynamicDrawUsage, type Vector3 } from "three";
+import { Gloss } from "./gloss";
 import type { Leaned } from "./lean.worker";
+import { Reach } from "./reach";
 import type { Shape } from "./shape";
 
-const MOST_FACES = 6_000;
+const MOST_FACES = 5_000;
 
 const plain = (geometry: BufferGeometry): Shape => {
   const values = (name: string) => geometry.getAttribute(name).array as Float32Array;
@@ -15,6 +17,8 @@ const plain = (geometry: BufferGeometry): Shape => {
 
 export class Quick {
   readonly geometry = new BufferGeometry();
+  readonly gloss: Gloss;
+  readonly reach: Record<"A" | "B", Reach>;
   private readonly all: ArrayLike<number>;
   /** (F, 4): the eye is in front where their product with (x, y, z, 1) is positive; null where both sides are seen. */
   private readonly planes: Float64Array | null;
@@ -26,6 +30,7 @@ export class Quick {
       worker.terminate();
       ready(new Quick(data.shape ?? plain(geometry), data.solid));
     };
+    worker.onerror = () => worker.terminate(); // then the object stands for itself
     worker.postMessage({ shape: plain(geometry), most: MOST_FACES });
     return { cancel: () => worker.terminate() };
   }
@@ -37,6 +42,8 @@ export class Quick {
       this.geometry.setAttribute(name, new BufferAttribute(values, width));
     const Kind = position.length / 3 < 65536 ? Uint16Array : Uint32Array;
     this.geometry.setIndex(new BufferAttribute(new Kind(index), 1).setUsage(DynamicDrawUsage));
+    this.gloss = new Gloss(this.geometry);
+    this.reach = { A: new Reach(this.geometry), B: new Reach(this.geometry) };
     this.planes = solid ? planes(position, index) : null;
   }
 

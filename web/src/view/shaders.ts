@@ -3,15 +3,12 @@
 //
 // Defines, so that a pixel pays for nothing that is not asked for: SHOW, DIFFERENCE, ALBEDO (2: its root),
 // ROUGHNESS_MAP, SPECULAR_MAP, NORMAL_MAP, SOURCE (any of these four), SECOND_LOBE, MARCHED, LIGHTS, SHADOWS,
-// TONEMAP; and QUICK: gloss is looked up at vertices, for frames that must come soon.
+// TONEMAP; and QUICK: gloss is given at vertices, for frames that must come soon.
 
 import { DITHER, TONE } from "./tone";
 
 /** How many lights make highlights. */
 export const LIGHTS = 8;
-
-/** Texels along the edge of the picture of a ball that frames are glossed by when they must come soon. */
-export const BALL = 32;
 
 /** What the surface shows, by number. */
 export const SHOWS = { picture: 0, light: 1, data: 2, direction: 3 } as const;
@@ -25,12 +22,20 @@ vec4 placed(vec3 position, vec2 atlas) {
   return projectionMatrix * (modelViewMatrix * vec4(mix(position, sheet, unfold), 1.0));
 }`;
 
+/** GLSL `arriving(way, p)`: how much of a light arrives, by its depths. */
+export const ARRIVING = /* glsl */ `
+float arriving(mat4 way, vec3 p) {
+  vec4 q = way * vec4(p, 1.0);
+  return q.w <= 0.0 ? 1.0 : texture(shadowMap, q.xyz / q.w);
+}`;
+
 export const GLOSS = /* glsl */ `
 uniform float eta, transmittance, roughness, specular, secondLobe;
 #if LIGHTS > 0
 uniform vec4 lightPlace[LIGHTS];  // position [mm], 1; or direction, 0
 uniform vec3 lightPower[LIGHTS];  // W/sr × 1e6, or W/m²
 uniform vec4 lightCone[LIGHTS];   // axis, cosine of the outer angle; -2: none
+uniform float lightInner[LIGHTS]; // cosine of the inner angle
 #endif
 #if SHADOWS > 0
 uniform mat4 shadowMatrix[SHADOWS];
@@ -62,10 +67,7 @@ float lobe(vec3 n, vec3 v, vec3 l, float rough) {
   return density * masking * fresnel(clamp(dot(v, h), 0.0, 1.0), eta) * toLight;
 }
 #if SHADOWS > 0
-float arriving(mat4 way, vec3 p) {
-  vec4 q = way * vec4(p, 1.0);
-  return q.w <= 0.0 ? 1.0 : texture(shadowMap, q.xyz / q.w);
-}
+${ARRIVING}
 #endif
 // radiance that the surface mirrors at p from the lights and even surroundings
 vec3 highlights(vec3 n, vec3 v, vec3 p, float rough) {
@@ -76,7 +78,7 @@ vec3 highlights(vec3 n, vec3 v, vec3 p, float rough) {
     float d2 = lightPlace[i].w > 0.5 ? dot(to, to) : 1.0;
     vec3 l = normalize(to);
     if (dot(n, l) <= 0.0) continue;
-    float cone = lightCone[i].w > -1.5 ? smoothstep(lightCone[i].w, mix(lightCone[i].w, 1.0, 0.4), dot(-l, lightCone[i].xyz)) : 1.0;
+    float cone = lightCone[i].w > -1.5 ? smoothstep(lightCone[i].w, lightInner[i], dot(-l, lightCone[i].xyz)) : 1.0;
     float value = lobe(n, v, l, rough);
 #ifdef SECOND_LOBE
     value = mix(value, lobe(n, v, l, min(rough * 1.6, 1.0)), secondLobe);
@@ -112,7 +114,7 @@ out vec2 vSource;
 #endif
 ${SHEET}
 #ifdef QUICK
-uniform sampler2D ball; // gloss by the normal as the camera sees it
+in vec4 gloss; // as view/gloss.ts has it
 out vec4 vGloss;
 #else
 out vec3 vPosition, vNormal;
@@ -123,7 +125,7 @@ void main() {
   vSource = source;
 #endif
 #ifdef QUICK
-  vGloss = texture(ball, (mat3(viewMatrix) * normal).xy * ${(0.5 - 1 / BALL).toFixed(6)} + 0.5);
+  vGloss = gloss;
 #else
   vPosition = position;
   vNormal = normal;
@@ -205,10 +207,10 @@ void main() {
   vec3 light = m * tint() * leaving(c);
   float rough = roughness, strength = specular;
 #ifdef ROUGHNESS_MAP
-  rough = texture(roughnessMap, vSource).g;
+  rough = dot(texture(roughnessMap, vSource).rgb, vec3(1.0 / 3.0));
 #endif
 #ifdef SPECULAR_MAP
-  strength = texture(specularMap, vSource).g;
+  strength = dot(texture(specularMap, vSource).rgb, vec3(1.0 / 3.0));
 #endif
   if (unfold < 0.5) light += strength * highlights(n, v, vPosition, rough);
   light *= dim;

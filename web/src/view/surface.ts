@@ -1,7 +1,7 @@
 // The object's surface: its mesh, and a material for what is asked of it.
 
-import { BufferGeometry, type Camera, DoubleSide, GLSL3, Matrix3, Mesh, ShaderMaterial, type WebGLRenderer } from "three";
-import { Ball } from "./ball";
+import { BufferGeometry, type Camera, DoubleSide, GLSL3, Mesh, ShaderMaterial, type WebGLRenderer } from "three";
+import { Gloss } from "./gloss";
 import { applyLook, type Look, lookDefines, sheetUniforms, surfaceUniforms } from "./look";
 import { Quick } from "./quick";
 import { FRAGMENT, SHOWS, VERTEX } from "./shaders";
@@ -21,7 +21,7 @@ export class Surface {
   /** What stands in for the object in quick frames, once it is made. */
   quick: Quick | null = null;
   private making: { cancel(): void } | null = null;
-  private readonly ball = new Ball();
+  private gloss: Gloss | null = null; // of the object itself, until it has a stand-in
   private readonly shadows = { A: new Shadows(), B: new Shadows() };
   private readonly materials = new Map<string, ShaderMaterial>(); // by their defines
 
@@ -35,7 +35,7 @@ export class Surface {
     this.quick?.geometry.dispose();
     this.quick = null;
     this.making?.cancel();
-    this.making = null;
+    this.making = this.gloss = null;
     this.mesh.visible = false; // until there is light for it
   }
 
@@ -46,9 +46,13 @@ export class Surface {
     return unseen;
   }
 
-  /** Makes what quick frames show; for those who draw slowly. */
-  prepare(): void {
-    if (this.geometry) this.making ??= Quick.of(this.geometry, (quick) => (this.quick = quick));
+  /** Makes what quick frames show, for those who draw slowly; `ready` when a whole frame should prepare it. */
+  prepare(ready: () => void): void {
+    if (!this.geometry) return;
+    this.making ??= Quick.of(this.geometry, (quick) => {
+      this.quick = quick;
+      ready();
+    });
   }
 
   /** The shadows are to be drawn again. */
@@ -68,13 +72,17 @@ export class Surface {
     applyLook(look, this.uniforms);
     if (this.difference) defines.DIFFERENCE = 1;
     if (marched) defines.MARCHED = 1;
+    const few = quickly ? this.quick : null;
     if (quickly && plain && !marched && !flat) {
       defines.QUICK = 1;
-      this.ball.draw(renderer, this.uniforms, defines, new Matrix3().setFromMatrix4(camera.matrixWorld), geometry.boundingSphere!.center);
-    } else if (plain) defines.SHADOWS = shadows.update(renderer, geometry, look.beams);
+      const gloss = few?.gloss ?? (this.gloss ??= new Gloss(geometry));
+      gloss.update(look, camera.position, few && few.reach[side].under(look.beams));
+    } else if (plain) {
+      defines.SHADOWS = shadows.update(renderer, geometry, look.beams);
+      void this.quick?.reach[side].update(renderer, shadows, look.beams);
+    }
     const material = (mesh.material = this.material(defines));
     Object.assign(material.uniforms, shadows.uniforms);
-    const few = quickly ? this.quick : null;
     if (flat) few?.everywhere();
     else few?.towards(camera.position);
     mesh.geometry = few?.geometry ?? geometry;
@@ -84,7 +92,7 @@ export class Surface {
     const key = JSON.stringify(Object.entries(defines).sort());
     const known = this.materials.get(key);
     if (known) return known;
-    const uniforms = { ...this.uniforms, ...this.tone, ...this.sheet, ...this.ball.uniforms };
+    const uniforms = { ...this.uniforms, ...this.tone, ...this.sheet };
     const shaders = { vertexShader: VERTEX, fragmentShader: FRAGMENT };
     const made = new ShaderMaterial({ glslVersion: GLSL3, side: DoubleSide, defines: { SHADOWS: 0, ...defines }, uniforms, ...shaders });
     this.materials.set(key, made);

@@ -63,7 +63,8 @@ export async function mapOf(blob: Blob, srgb: boolean, decoded: boolean): Promis
 function decodedBeside(coded: Blob, srgb: boolean): Promise<Texture> {
   const worker = new Worker(new URL("./decode.worker.ts", import.meta.url), { type: "module" });
   return new Promise<Texture>((done, fail) => {
-    worker.onmessage = ({ data: { values, width, height } }: MessageEvent<Decoded>) => done(data(values, width, height));
+    worker.onmessage = ({ data: found }: MessageEvent<Decoded | string>) =>
+      typeof found === "string" ? fail(new Error(found)) : done(data(found.values, found.width, found.height));
     worker.onerror = (event) => fail(new Error(event.message || "the image could not be decoded"));
     worker.postMessage({ coded, srgb });
   }).finally(() => worker.terminate());

@@ -49,7 +49,7 @@ export class Viewer {
     this.pace = new Pace(
       slow,
       (quickly) => this.draw(quickly),
-      () => this.surface.prepare(),
+      () => this.prepare(),
     );
     this.orbit = new Orbit(this.camera, frame, {
       ...events,
@@ -129,11 +129,12 @@ export class Viewer {
 
   /** Makes ready for movement, where frames take long; to be called when nothing is more urgent. */
   prepare(): void {
-    if (this.pace.slow) this.surface.prepare();
+    if (this.pace.slow) this.surface.prepare(() => this.redraw());
   }
 
   setGeometry(geometry: BufferGeometry): void {
     this.surface.setGeometry(geometry);
+    this.orbit.reach(this.radius);
     this.showSeams(this.cuts.lines.visible);
   }
 
@@ -147,6 +148,7 @@ export class Viewer {
 
   setPose(pose: Pose): void {
     this.orbit.set(pose, this.radius);
+    if (this.unfolded > 0) this.faceSheet();
   }
 
   /** The camera from `direction` that sees the whole object in this window. */
@@ -192,6 +194,13 @@ export class Viewer {
     if (B.maps[name] && A.maps[name] !== B.maps[name]) B.maps[name].dispose();
     B.maps[name] = texture;
     this.redraw();
+  }
+
+  /** A wears the maps of B. */
+  shareMaps(): void {
+    const { A, B } = this.looks;
+    for (const [name, map] of Object.entries(A.maps) as [MapName, Texture | null][]) if (map !== B.maps[name]) map?.dispose();
+    A.maps = { ...B.maps };
   }
 
   setOutput(exposure_ev: number, tonemap: Tonemap): void {

@@ -1,0 +1,48 @@
+// Asks how far light travels in the layers as they are, for the plot and for the cut through them.
+
+import { api } from "../api";
+import { bakedPart } from "../parts";
+import { type State, toScene } from "../state";
+import type { Showing } from "../types";
+import { ProfilePanel } from "./profile";
+import type { CrossSection } from "./section";
+
+const REST_MS = 60;
+
+export interface ProfilesHost {
+  state(): State;
+  showing(): Showing | null;
+  section: CrossSection;
+}
+
+export class Profiles {
+  readonly panel = new ProfilePanel();
+  private shown = "";
+  private timer = 0;
+  private asking = new AbortController();
+
+  constructor(private readonly host: ProfilesHost) {}
+
+  /** Shows the profile of the layers as they are now, soon. */
+  want(): void {
+    const scene = bakedPart(toScene(this.host.state()));
+    const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = scene;
+    const key = JSON.stringify(matter);
+    clearTimeout(this.timer);
+    this.asking.abort(); // a late answer would stand for what was undone
+    if (key === this.shown) return;
+    const { signal } = (this.asking = new AbortController());
+    const { section, showing } = this.host;
+    this.timer = window.setTimeout(async () => {
+      try {
+        const found = await api.profile(scene, { signal });
+        if (signal.aborted) return;
+        this.shown = key;
+        this.panel.set(found, showing());
+        section.setProfile(found);
+      } catch {
+        if (!signal.aborted) section.setProfile(null); // the picture's own request tells why
+      }
+    }, REST_MS);
+  }
+}
