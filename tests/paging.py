@@ -4,6 +4,7 @@ import base64
 import json
 import socket
 import threading
+import time
 from contextlib import suppress
 from urllib.parse import quote
 
@@ -17,6 +18,10 @@ METHODS = {
     **{"single_scattering": "none", "march_samples": 4},
 }
 """All of them, the quick one for diffusion: a scene with a mesh of its own starts from the page's."""
+
+
+SMALL = {"viewport": {"width": 760, "height": 400}}
+"""A window of few pixels, for pictures that the service makes of a view."""
 
 
 def address(scene: dict) -> str:
@@ -44,19 +49,19 @@ def settle(page, act) -> None:
     """Does `act` and waits until the light it asks for is on the object in full."""
     before = page.evaluate("window.texsss.live.settles")
     act()
-    deadline = 600
+    deadline = time.monotonic() + 30
     while page.evaluate("window.texsss.live.settles") == before:
-        page.wait_for_timeout(50)
-        deadline -= 1
-        assert deadline, "nothing new was shown within 30 s"
+        page.wait_for_timeout(20)
+        assert time.monotonic() < deadline, "nothing new was shown within 30 s"
 
 
 def until(page, expression: str) -> None:
     """Waits until an expression is true; the page's policy forbids the browser's own way of waiting."""
-    for _ in range(300):
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
         if page.evaluate(expression):
             return
-        page.wait_for_timeout(100)
+        page.wait_for_timeout(20)
     raise AssertionError(f"not true within 30 s: {expression}")
 
 

@@ -2,7 +2,7 @@
 
 import json
 
-from paging import METHODS, address, pixels, settle, until
+from paging import METHODS, SMALL, address, pixels, settle, until
 
 
 def test_moving_frames_are_coarser_and_rest_is_whole(visit):
@@ -22,7 +22,7 @@ def test_moving_frames_are_coarser_and_rest_is_whole(visit):
               return;
             }
             sizes.push(viewer.canvas.width);
-            setTimeout(() => done([...sizes, viewer.canvas.width]), 1500);
+            setTimeout(() => done([...sizes, viewer.canvas.width]), 800);
           };
           step();
         })"""
@@ -37,11 +37,11 @@ def test_orbit_on_the_default_object(visit, capsys):
         path=address({"atlas": {"size": 64}}), viewport={"width": 1160, "height": 646}, device_scale_factor=1
     )
     until(page, "texsss.viewer.surface.quick !== null")
-    page.evaluate(ORBIT % 20)
-    seconds = page.evaluate(ORBIT % 60) / 1000
+    page.evaluate(ORBIT % 8)
+    seconds = page.evaluate(ORBIT % 30) / 1000
     size = page.evaluate("[texsss.viewer.canvas.clientWidth, texsss.viewer.canvas.clientHeight]")
     with capsys.disabled():
-        print(f"\norbit at {size[0]} x {size[1]}: {60 / seconds:.1f} frames a second")
+        print(f"\norbit at {size[0]} x {size[1]}: {30 / seconds:.1f} frames a second")
     assert size == [800, 600]
     page.wait_for_timeout(400)
     whole = pixels(page)
@@ -81,7 +81,8 @@ def test_pictures_beneath_the_surface(visit):
     parallax = {"opacity": 0.3, "layers": [{"base": "vessels", "depth_mm": 2.0}]}
     vessels = {"source": {"builtin": "scenes/vessels.png"}, "space": "srgb"}
     page = visit(
-        {"methods": METHODS | {"diffusion": "parallax", "parallax": parallax}, "maps": {"vessels": vessels}}
+        {"methods": METHODS | {"diffusion": "parallax", "parallax": parallax}, "maps": {"vessels": vessels}},
+        **SMALL,
     )
     until(page, "texsss.viewer.uniforms.marched.value === 1")
     before = pixels(page)
@@ -94,7 +95,7 @@ def test_pictures_beneath_the_surface(visit):
 
 
 def test_numbers_of_the_march_are_followed(visit):
-    page = visit({"methods": METHODS | {"single_scattering": "uniform"}})
+    page = visit({"methods": METHODS | {"single_scattering": "uniform"}}, **SMALL)
     until(page, "texsss.viewer.uniforms.marched.value === 1")
     asked = []
     page.on("request", lambda one: asked.append(one) if "image=picture" in one.url else None)
@@ -106,7 +107,8 @@ def test_numbers_of_the_march_are_followed(visit):
     for _ in range(150):
         if len(asked) > 1 and abs(pixels(page) - before).max() > 3:
             break
-        page.wait_for_timeout(200)
+        page.wait_for_timeout(50)
+    assert len(asked) > 1, "a coarse one while it is pulled, then the whole"
     sent = [json.loads(one.post_data)["methods"]["march"]["noise"] for one in asked]
     assert sent and all(value == 0.8 for value in sent)
     assert abs(pixels(page) - before).max() > 3

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paging import METHODS, Gate, drop, pixels, pose, settle, state, until
+from paging import METHODS, SMALL, Gate, drop, pixels, pose, settle, state, until
 from serving import torus_obj
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
@@ -209,7 +209,7 @@ def test_looks_inside(visit):
 
 
 def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
-    page = visit()
+    page = visit(**SMALL)
     page.get_by_role("tab", name="Inside").click()
     page.get_by_label("Show", exact=True).select_option("single")
     until(page, "texsss.viewer.uniforms.marched.value === 1")
@@ -223,7 +223,7 @@ def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
 
 
 def test_the_march_is_blended_in_at_rest(visit):
-    page = visit({"methods": METHODS | {"single_scattering": "exact"}})
+    page = visit({"methods": METHODS | {"single_scattering": "exact"}}, **SMALL)
     page.locator("#badge:not(.marching)").wait_for()
     until(page, "texsss.viewer.uniforms.marched.value === 1")
     marched = pixels(page)

@@ -18,8 +18,9 @@ export interface MarchingHost {
   viewer: Viewer;
   state(): State;
   pose(): Pose;
-  /** What the surface shows besides is in the way of a picture. */
+  /** Nothing that the surface shows besides is in the way of a picture. */
   allowed(): boolean;
+  editing(): boolean;
   reducedMotion(): boolean;
   busy(text: string | null): void;
   online(yes: boolean): void;
@@ -39,14 +40,10 @@ export class Marching {
 
   constructor(private readonly host: MarchingHost) {}
 
-  /** Whether the picture depends on the view. */
-  private get depends(): boolean {
-    const { single_scattering, diffusion } = this.host.state().methods;
-    return this.alone || single_scattering !== "none" || diffusion === "parallax";
-  }
-
   get wanted(): boolean {
-    return this.depends && this.host.allowed();
+    const { single_scattering, diffusion } = this.host.state().methods;
+    const depends = this.alone || single_scattering !== "none" || diffusion === "parallax";
+    return depends && this.host.allowed();
   }
 
   /** Something moved: what was marched is of the past. */
@@ -54,7 +51,7 @@ export class Marching {
     [this.numbers, this.rest] = this.parts();
     this.stop();
     this.fade(0);
-    if (this.wanted) this.timer = window.setTimeout(() => void this.march(), REST_MS);
+    if (this.wanted && !this.host.editing()) this.timer = window.setTimeout(() => void this.march(), REST_MS);
   }
 
   /** The state changed. The march's own numbers are followed by drafts; exposure is the page's own. */
@@ -62,7 +59,7 @@ export class Marching {
     const [numbers, rest] = this.parts();
     const [tuned, other] = [numbers !== this.numbers, rest !== this.rest];
     this.numbers = numbers;
-    if (other || !this.depends || (tuned && this.share === 0)) this.moved();
+    if (other || (tuned && !this.wanted)) this.moved();
     else if (tuned) {
       this.stop();
       void this.draft();
