@@ -53,7 +53,7 @@ def test_numbers_follow_the_light_map_and_the_last_material(visit):
 
 
 def test_the_sun_follows_the_pointer(visit):
-    """Behind the object, too; and when the light that was chosen is gone, the one that it stands for moves."""
+    """Behind the object, too; and when the chosen light is gone, the one whose sun is shown moves."""
     page = visit()
     page.get_by_role("tab", name="Light").click()
     settle(page, lambda: page.get_by_role("button", name="From behind").click())
@@ -65,7 +65,7 @@ def test_the_sun_follows_the_pointer(visit):
         at = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
         page.mouse.move(*at)
         page.mouse.down()
-        page.mouse.move(*(at + (x, y)), steps=3)
+        page.mouse.move(at[0] + x, at[1] + y, steps=3)
         settle(page, page.mouse.up)
         box = sun.bounding_box()
         return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]) - at
@@ -117,7 +117,7 @@ def test_the_focus_stays_and_fields_show_what_holds(visit):
 
 
 def test_links_that_say_little_and_links_that_are_wrong(visit, ring):
-    """A part of a scene is enough; what can't be read is told; a link pasted into an open page is followed."""
+    """A part of a scene is enough; what is wrong is told; a link pasted into an open page is followed."""
     part = {**ring, "material": {"layers": [{"medium": "skin1"}]}, "output": {"exposure_ev": 0.5}}
     page = visit(path=address(part))
     assert state(page)["output"]["tonemap"] and pixels(page).std() > 10

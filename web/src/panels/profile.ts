@@ -58,7 +58,7 @@ export class ProfilePanel {
       scales: { x: { time: false, distr: 3 }, y: { range: [0, 1.08 * highest] } },
       axes: [
         { ...axis, label: "distance [mm]", labelSize: 16, labelFont: "11px system-ui", size: 30, values: (_, ticks) => ticks.map((tick) => (Math.abs(Math.log10(tick) - Math.round(Math.log10(tick))) < 1e-6 ? plain(tick) : "")) },
-        { ...axis, size: 42, values: (_, ticks) => ticks.map((tick) => `${plain(tick)} %`) },
+        { ...axis, size: 54, values: (_, ticks) => ticks.map((tick) => `${plain(tick)} %`) },
       ],
       hooks: { draw: [(chart) => mark(chart, texel, colour("--dim")), (chart) => profile.monte_carlo.forEach((rings, k) => rings && dots(chart, rings, colour(`--${CHANNELS[k]}`)))] },
       series: [{}, ...CHANNELS.map((name) => ({ label: name, stroke: colour(`--${name}`), width: 2, points: { show: false } }))],
