@@ -17,7 +17,7 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
 from texsss.transport.march.interior import from_stack
-from texsss.transport.march.march import march
+from texsss.transport.march.march import March
 from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import Planes
 from texsss.types import Float, Tensor
@@ -96,31 +96,25 @@ def scattered_once(
     atlas_uv: Float[Tensor, "F 3 2"],
     scale: Float[Tensor, "H W 3"] | None,
     how: MarchSpec,
+    seed: int,
     **options: Any,
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
 
     `scale`: an image over the atlas that multiplies it, where profiles are normalised. `options`: the
-    method, samples, occluder and seed of `march`.
+    method, samples and occluder of `March`, and how often it samples surroundings. Every ray of a pixel draws
+    numbers of its own from `seed`.
     """
     interior = from_stack(stack)
     if how.deepest_mm is not None:
         interior = replace(interior, depth=interior.depth.clamp(max=how.deepest_mm))
     noise = Noise(uv=how.noise_uv, start=how.noise) if how.noise or how.noise_uv else None
     lasting = None if scale is None else Texture.of(scale)
+    march = March(mesh, planes, interior, lights, uv=mesh.source_uv, noise=noise, **options)
 
     def once(hits: Hits) -> Tensor:
         light = march(
-            hits.points,
-            mesh,
-            planes,
-            interior,
-            tuple(lights),
-            hits.view,
-            uv=mesh.source_uv,
-            noise=noise,
-            compiled=len(hits.points) >= WORTH_COMPILING,
-            **options,
+            hits.points, hits.view, compiled=len(hits.points) >= WORTH_COMPILING, seed=hits.seed(seed)
         )
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 

@@ -41,6 +41,7 @@ from texsss.view.tonemap import tonemap
 # what results that last on disk are made of
 KINDS = (Operators, Step, Kernel, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
+LOOKS_PER_MARCH = 4  # of an environment's samples: rays of a pixel and neighbours add up to the rest
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -178,6 +179,7 @@ class Run(Beneath):
             samples=methods.march_samples,
             how=methods.march,
             occluder=self.occluder.value,
+            environment_samples=-(-placing.environment_samples(self.scene) // LOOKS_PER_MARCH),
             seed=self.scene.seed,
         )
 

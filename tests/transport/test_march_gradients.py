@@ -2,10 +2,11 @@
 
 import pytest
 import torch
-from march_shapes import hills, scattered_points, square
+from march_shapes import centre, hills, scattered_points, square
 
 from texsss.light.emitters import DirectionalLight, PointLight
 from texsss.media.medium import Medium
+from texsss.media.stack import Layer, Stack
 from texsss.surface.mesh import Mesh
 from texsss.transport.march.interior import from_depths
 from texsss.transport.march.march import march
@@ -44,6 +45,35 @@ def test_gradients_reach_depths_and_coefficients(method):
         # samples jump from layer to layer: depth has no gradient through which layer they fall in
         assert torch.autograd.gradcheck(
             lambda *r: radiance(depth, *r), inputs[1:], eps=1e-7, atol=1e-5, rtol=1e-3
+        )
+
+
+def slab(thickness, g=0.25) -> Stack:
+    return Stack([Layer(Medium([0.6] * 3, [2.0, 1, 1], g), thickness)])
+
+
+def seen(stack, view, samples=4) -> torch.Tensor:
+    light = [DirectionalLight([-0.3, 0.8, 0.6], [1.0] * 3)]
+    points = centre(len(view), torch.float64)
+    return march(points, square(torch.float64), None, stack, light, view, samples=samples)
+
+
+def test_gradients_of_equal_channels_of_g_stay_apart():
+    view = torch.nn.functional.normalize(torch.tensor([[0.5, 0.7, 0.2]], dtype=torch.float64))
+    g = torch.full((3,), 0.3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda g: seen(slab(1.0, g), view), (g,), eps=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_gradients_reach_the_deepest_boundary(samples):
+    """It ends the ray: rounding must not decide whether it is crossed. Twelve views at once."""
+    generator = torch.Generator().manual_seed(0)
+    aside = torch.rand(12, generator=generator, dtype=torch.float64) / 2
+    view = torch.nn.functional.normalize(torch.stack([aside, 0.7 + 0 * aside, 0.2 + 0 * aside], -1))
+    for depth in (0.2, 0.7, 1.0):
+        known = torch.tensor(depth, dtype=torch.float64, requires_grad=True)
+        assert torch.autograd.gradcheck(
+            lambda d: seen(slab(d), view, samples), (known,), eps=1e-7, atol=1e-7, rtol=1e-4
         )
 
 

@@ -122,6 +122,68 @@ def test_lights_inside_and_behind_give_numbers(position, shadows):
             assert float(lit.abs().max()) == 0
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_eyes_and_coordinates_of_another_precision_are_taken_over(compiled):
+    """Cameras stand in float64, meshes in float32: what is marched has one precision."""
+    mesh, eye, stack = (
+        square(),
+        torch.tensor([3.0, 40.0, 9.0]),
+        Stack([Layer(MEDIUM, torch.rand(8, 8) + 0.1)]),
+    )
+    noise = Noise(uv=0.01, start=0.5)
+    how = {"method": "uniform", "samples": 5, "noise": noise, "compiled": compiled}
+    plain = march(centre(40), mesh, None, stack, SUN, eye, **how)
+    assert mesh.source_uv is not None
+    other = march(centre(40), mesh, None, stack, SUN, eye.double(), uv=mesh.source_uv.double(), **how)
+    assert other.dtype == torch.float32
+    assert torch.equal(other, plain)
+
+
+def test_coordinates_that_are_no_numbers_are_refused():
+    mesh, stack = square(), Stack([Layer(MEDIUM, torch.rand(8, 8))])
+    assert mesh.source_uv is not None
+    broken = mesh.source_uv.clone()
+    broken[0, 0] = math.nan
+    with pytest.raises(DomainError, match="finite texture coordinates"):
+        march(centre(), mesh, None, stack, SUN, seen_from(0, 1, 0), uv=broken)
+    with pytest.raises(DomainError, match="finite texture coordinates"):
+        Mesh(mesh.vertices, mesh.faces, broken)
+    with pytest.raises(DomainError, match="finite texture"):
+        Noise(uv=0.1, texture=torch.full((2, 2), math.nan))
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("width", [1e-5, 1e-9])
+def test_a_face_too_thin_for_its_texture_gives_numbers(width, compiled):
+    """Texels so small that float32 cannot count them: any of them will do, but none beyond the texture."""
+    corners = torch.tensor([[0.0, 0, 0], [width, 0, 0], [0, 0, -10]])
+    mesh = Mesh(corners, torch.tensor([[0, 1, 2]]), torch.tensor([[[0.0, 1], [1, 1], [0, 0]]]))
+    depth = from_depths(
+        torch.rand(100, 100, 2, generator=torch.Generator().manual_seed(0)).cumsum(-1), [MEDIUM] * 2
+    )
+    lit = march(centre(64), mesh, None, depth, SUN, seen_from(0.5, 0.7, 0.2).expand(64, 3), compiled=compiled)
+    assert bool(torch.isfinite(lit).all()) and float(lit.max()) < 1
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("phase", ["henyey-greenstein", "schlick"])
+@pytest.mark.parametrize("g", [0.9999, 0.99999, -0.9995, -0.9999])
+def test_the_sharpest_phase_functions_stay_finite(g, phase, compiled):
+    """Nothing from a light behind; towards the light, what float64 says (rounding of g: measured 3e-3)."""
+
+    def seen(eye, sun, dtype, **how):
+        mesh, light = square(), [DirectionalLight(list(sun), [1.0] * 3)]
+        mesh = Mesh(mesh.vertices.to(dtype), mesh.faces)
+        medium = Medium(MEDIUM.sigma_a, MEDIUM.sigma_s, g)
+        view = seen_from(*eye).to(dtype)
+        return march(centre(), mesh, None, Stack([Layer(medium)]), light, view, phase=phase, **how)
+
+    assert float(seen((0, 1, 0), (0, -1, 0), torch.float32, compiled=compiled).abs().max()) == 0
+    lit = seen((0, 1, 0), (0, 1, 0), torch.float32, compiled=compiled)
+    truth = seen((0, 1, 0), (0, 1, 0), torch.float64)
+    torch.testing.assert_close(lit.double(), truth, rtol=2e-2, atol=0)
+
+
 def test_one_sample_and_ten_thousand():
     stack = Stack([Layer(MEDIUM, 1.0)])
     exact = march(centre(), square(), None, stack, SUN, seen_from(0.3, 1, 0))

@@ -46,6 +46,11 @@ class Mesh:
             )
         if not bool(torch.isfinite(self.vertices).all()):
             raise DomainError(f"Mesh: expected finite vertices, got NaN or infinity in {self.name}; repair.")
+        if self.source_uv is not None and not bool(torch.isfinite(self.source_uv).all()):
+            raise DomainError(
+                f"Mesh: expected finite texture coordinates, got NaN or infinity in {self.name}; "
+                "unwrap it anew."
+            )
         if not self.height_mm > 0 and not bool((self.extent > 0).any()):
             raise DomainError(f"Mesh: expected an extent above zero, got a single point in {self.name}.")
 

@@ -13,6 +13,7 @@ from texsss.surface.points import Points
 from texsss.types import Float, Int, Tensor, unit
 
 Triple = Sequence[int | float] | Tensor
+SEEDS_APART = 65_537  # between the rays of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +99,10 @@ class Hits:
     view: Float[Tensor, "P 3"]
     distance: Float[Tensor, " P"]
     sample: int = 0
+
+    def seed(self, seed: int) -> int:
+        """A seed of their own, made from that of the picture."""
+        return seed + SEEDS_APART * self.sample + int(self.pixel[:1].sum())
 
 
 def fit_camera(

@@ -12,8 +12,7 @@ from texsss.errors import DomainError
 from texsss.light.visibility import Occluder
 from texsss.numerics.threads import in_threads
 from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
-from texsss.view.camera import Camera, Hits, pixel_centres, primary_hits
-from texsss.view.shade import SEEDS_APART
+from texsss.view.camera import SEEDS_APART, Camera, Hits, pixel_centres, primary_hits
 
 CHUNK = 1 << 15  # rays at a time
 AT_ONCE = 8  # chunks between words of progress

@@ -18,7 +18,6 @@ from texsss.types import Bool, Float, Int, Tensor, unit
 from texsss.view import ggx
 from texsss.view.camera import Hits
 
-SEEDS_APART = 65_537  # between the rays of a pixel
 GRAZING = 0.02  # the least cosine of a visible point: normals that turn away are bent back to it
 
 
@@ -114,7 +113,7 @@ def sight(
     if gloss is None or not lights:
         return Sight(hits, gain, mirrored)
     site = _Site(hits, mesh, normal, occluder)
-    seed = seed + SEEDS_APART * hits.sample + int(hits.pixel[:1].sum())
+    seed = hits.seed(seed)
     generator = torch.Generator().manual_seed(seed)
     for number, light in enumerate(lights):
         if isinstance(light, Environment):

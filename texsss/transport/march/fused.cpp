@@ -11,7 +11,7 @@
 constexpr int B = BOUNDARIES, L = BOUNDARIES + ENDLESS, C = 3, G = G_CHANNELS;
 constexpr int PER_WORD = B == 1 ? 1 : B == 3 ? 3 : 2, BITS = PER_WORD == 1 ? 24 : PER_WORD == 2 ? 16 : 10;
 constexpr int RAY = 10, LIGHT = 11;  // rows of the tables of rays and lights
-constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, PI4 = 12.566370614359172f;
+constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, LEAST_REST = 1e-7f, PI4 = 12.566370614359172f;
 
 static inline V floored(V a) {
 #if defined(__AVX512F__)
@@ -56,6 +56,8 @@ struct Corner {
 static inline Corner corner(const Texture& t, V x, V y) {
   V left = floored(x), top = floored(y);
   V x0 = left - floored(left * t.across) * float(t.width), y0 = top - floored(top * t.down) * float(t.height);
+  // never beyond the frame, whatever x and y are: a comparison with NaN is false
+  x0 = lesser(greater(x0, V{}), all(float(t.width))), y0 = lesser(greater(y0, V{}), all(float(t.height)));
   return {whole(y0) * (t.width + 2) + whole(x0), x - left, y - top};
 }
 
@@ -157,11 +159,12 @@ static inline Entry entry(const Texture& tex, const Ray& r, const Lamp& l, const
 }
 
 static inline V scattered(V cosine, V g) {
+  V size = g < 0 ? -g : g, aside = positive(size + g * cosine), rest = greater(1 - size, all(LEAST_REST));
 #if SCHLICK
-  V base = 1 + g * cosine;
+  V base = rest + aside;
   return (1 - g * g) * (1 / PI4) * inverse(base * base);
 #else
-  V base = 1 + g * g + 2 * g * cosine;
+  V base = rest * rest + 2 * aside;
   V r = inverse_root(base);
   return (1 - g * g) * (1 / PI4) * r * r * r;
 #endif

@@ -24,7 +24,7 @@ class Gatherer:
 
     def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, compiled: bool):
         self.interior, self.method, self.samples, self.phase = interior, method, samples, phase
-        self.far: Reach = reach(interior)
+        self.far: Reach = reach(interior, across=method == "exact")
         self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
         self.channels: int = interior.sigma_t.shape[-1]
         fused = Fused(interior, phase) if compiled else None
@@ -33,8 +33,8 @@ class Gatherer:
             return
         self._depth = list(framed(interior.depth).flatten(1))
         g = interior.g
-        # one value for all channels is looked at once
-        alike = bool((g.detach() == g.detach()[..., :1]).all())
+        # one value for all channels is looked at once; equal ones have gradients of their own
+        alike = not g.requires_grad and bool((g == g[..., :1]).all())
         fields = [interior.sigma_s, interior.sigma_t, g[..., :1] if alike else g]
         self._fields = [x if x.ndim == 2 else list(framed(x.flatten(2)).flatten(1)) for x in fields]
         self._shapes = [x.shape[-2:] for x in fields]

@@ -178,11 +178,16 @@ def from_depths(
 def check_uv(mesh: Mesh, uv: Float[Tensor, "F 3 2"] | None, interior: Interior) -> Float[Tensor, "F 3 2"]:
     """Texture coordinates for the maps: the given ones, the mesh's own, or none needed.
 
-    Raises DomainError: when there are maps but no coordinates.
+    In the dtype of the mesh. Raises DomainError: when there are maps but no coordinates, or coordinates are
+    not finite.
     """
     found = mesh.source_uv if uv is None else uv
     if found is not None:
-        return found
+        if not bool(torch.isfinite(found).all()):
+            raise DomainError(
+                "march: expected finite texture coordinates, got NaN or infinity in uv; repair it."
+            )
+        return found.to(mesh.vertices)
     if max(interior.depth.shape[:2]) > 1 or interior.varies:
         raise DomainError(
             f"march: expected texture coordinates for the maps, got none with {mesh.name}; pass uv=atlas.uv."

@@ -10,6 +10,7 @@ import torch
 
 LEAST_LIGHT_COS = 0.03  # of the light to the plane it enters through
 SERIES = 0.25  # below this exponent a power series beats the difference of exponentials
+LEAST_REST = 1e-7  # of 1 - |g|: what float32 tells from 0
 FRAME = 2  # texels that repeat beyond the right and the lower edge: neighbours need no wrapping
 
 
@@ -29,9 +30,9 @@ def look_up(planes, size, x, y):
     height, width = size
     left, top = torch.floor(x), torch.floor(y)
     fx, fy = x - left, y - top
-    # rounding may end one texel beyond the edge, where the frame is
-    x0 = left - torch.floor(left * (1 / width)) * width
-    y0 = top - torch.floor(top * (1 / height)) * height
+    # rounding may end one texel beyond the edge, where the frame is; far more where texels are far too small
+    x0 = (left - torch.floor(left * (1 / width)) * width).clamp(0, width)
+    y0 = (top - torch.floor(top * (1 / height)) * height).clamp(0, height)
     row = width + FRAME
     a = y0.int() * row + x0.int()
     b, c, d = a + 1, a + row, a + (row + 1)
@@ -97,10 +98,12 @@ def scattered(cosine, g, phase):
 
     Sources: Henyey & Greenstein 1941; Blasi et al. 1993 (Schlick), where g is their k.
     """
+    # |g| + g cosine, which rounding must not take below 0: denominators cancel where |g| is near 1
+    aside, rest = (g.abs() + g * cosine).clamp_min(0), (1 - g.abs()).clamp_min(LEAST_REST)
     if phase == "schlick":
-        base = 1 + g * cosine
+        base = rest + aside
         return (1 - g * g) / (4 * math.pi * base * base)
-    base = 1 + g * g + 2 * g * cosine
+    base = rest * rest + 2 * aside
     return (1 - g * g) / (4 * math.pi * base * torch.sqrt(base))
 
 

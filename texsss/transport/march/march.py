@@ -1,6 +1,7 @@
 """Single scattering in layers of varying thickness, seen from an eye: at texels or at camera hits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from threading import Lock
 
 import torch
 from torch.quasirandom import SobolEngine
@@ -30,7 +31,7 @@ def march(
     mesh: Mesh,
     planes: Planes | None,
     layers: Stack | Interior,
-    lights: list[Light] | tuple[Light, ...],
+    lights: Sequence[Light],
     view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
     *,
     uv: Float[Tensor, "F 3 2"] | None = None,
@@ -46,96 +47,161 @@ def march(
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Float[Tensor, "P 3"]:
-    """Radiance that leaves towards the eye after one scattering [W/(m² sr)], linear RGB.
+    """`March` of one set of points: radiance that leaves towards the eye [W/(m² sr)], linear RGB.
 
-    `points`: texels or camera hits, alike. `planes`: what the surface looks like from within; fitted
-    here when None. `layers`: a stack, or depth textures made into an `Interior`. `view`: unit
-    directions from the points to the eye (P, 3), or the position of one eye (3,) [mm]; what faces
-    away from it gets 0. `uv`: texture coordinates of the maps, the mesh's own when None.
+    `points`, `view`, `compiled` and `seed` as when that is called; all else is what it is made of.
+    Raises as that.
+    """
+    ready = March(
+        mesh, planes, layers, lights, uv=uv, method=method, samples=samples, phase=phase, occluder=occluder,
+        noise=noise, environment_samples=environment_samples, area_samples=area_samples,
+    )  # fmt: skip
+    return ready(points, view, compiled=compiled, seed=seed, progress=progress, cancel=cancel)
+
+
+class March:
+    """Light scattered once in one interior under some lights, seen from anywhere.
+
+    Maps and surface are packed when first asked for, once for all calls, which may come from several threads;
+    what asks for gradients is made anew for every step of descent.
+    `planes`: what the surface looks like from within; fitted here when None. `layers`: a stack, or depth
+    textures made into an `Interior`. `uv`: texture coordinates of the maps, the mesh's own when None.
     `method`: `exact` integrates straight pieces of layers over `samples` steps; `uniform` adds up
     `samples` points. `phase`: for Schlick's, the media's g is his k. `occluder` shadows the point and
     the place where light enters. Lights that are not points are sampled `environment_samples` or
-    `area_samples` times. `compiled`: by a loop in C++, where there is a compiler, in float32 and without
-    gradients; the first call on a machine builds it, which takes seconds.
-    Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
-    one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
-    Raises ShapeError, DomainError: when inputs do not fit. Raises Cancelled.
+    `area_samples` times.
+    Raises ShapeError, DomainError: when inputs do not fit.
     Source: François et al. 2006 with the corrections of Norberg 2010; exact segments are ours.
     """
-    interior = layers if isinstance(layers, Interior) else from_stack(layers)
-    interior = interior.to(mesh.vertices)
-    _check(points, method, samples, phase, view, environment_samples, area_samples)
-    channels = interior.sigma_t.shape[-1]
-    if channels not in (1, 3):
-        raise ShapeError(f"march: expected media of 1 or 3 channels, as lights have, got {channels}.")
-    if len(points) == 0:
-        return mesh.vertices.new_zeros(0, 3)
-    planes = planes or fitted_planes(mesh, interior)
-    coordinates = check_uv(mesh, uv, interior)
-    surface = Surface(mesh, planes, coordinates)
-    wanted = surface.corner.requires_grad or interior.requires_grad or graded(lights)
-    compiled = compiled and not wanted
-    gather = Gatherer(interior, method, samples, phase, compiled)
-    rows, ended = chunks(len(points), CHUNK), []
-    _ = mesh.corner_normals  # by all threads, before they part
 
-    def part(row: slice) -> Float[Tensor, "rows 3"]:
-        here = points[row]
-        generator = torch.Generator().manual_seed(seed + row.start)
-        towards = unit(view - here.position(mesh)) if view.ndim == 1 else view[row].to(mesh.vertices)
-        jitter = None if noise is None else draw(noise, here.uv(coordinates), generator)
-        result = torch.zeros_like(towards)
-        # what faces away is dark
-        facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
-        if len(facing):
-            jitter = None if jitter is None else jitter[facing]
-            left = _gathered(
-                surface, gather, here[facing], mesh, towards[facing], lights, occluder, jitter,
-                (environment_samples, area_samples), seed, generator, cancel,
-            )  # fmt: skip
-            result = result.index_put((facing,), left)
-        ended.append(row)
-        if progress is not None:
-            progress("march", len(ended) / len(rows))
-        return result
+    def __init__(
+        self,
+        mesh: Mesh,
+        planes: Planes | None,
+        layers: Stack | Interior,
+        lights: Sequence[Light],
+        *,
+        uv: Float[Tensor, "F 3 2"] | None = None,
+        method: Method = "exact",
+        samples: int = 4,
+        phase: Phase = "henyey-greenstein",
+        occluder: Occluder | None = None,
+        noise: Noise | None = None,
+        environment_samples: int = 16,
+        area_samples: int = 4,
+    ):
+        _check(method, samples, phase, environment_samples, area_samples)
+        interior = layers if isinstance(layers, Interior) else from_stack(layers)
+        channels = interior.sigma_t.shape[-1]
+        if channels not in (1, 3):
+            raise ShapeError(f"march: expected media of 1 or 3 channels, as lights have, got {channels}.")
+        self.mesh, self.lights, self.occluder, self.noise = mesh, tuple(lights), occluder, noise
+        self.interior = interior.to(mesh.vertices)
+        self._how = method, samples, phase
+        self._counts = environment_samples, area_samples
+        self._uv, self._planes = uv, planes
+        self._surface: tuple[Surface, Tensor] | None = None
+        self._gatherers: dict[bool, Gatherer] = {}
+        self._making = Lock()
 
-    return torch.cat(in_threads(part, rows, cancel, graded=wanted))
+    def __call__(
+        self,
+        points: Points,
+        view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
+        *,
+        compiled: bool = False,
+        seed: int = 0,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
+    ) -> Float[Tensor, "P 3"]:
+        """Radiance that leaves towards the eye after one scattering [W/(m² sr)], linear RGB.
 
+        `points`: texels or camera hits, alike. `view`: unit directions from the points to the eye (P, 3), or
+        the position of one eye (3,) [mm]; what faces away from it gets 0. `compiled`: by a loop in C++,
+        where there is a compiler, in float32 and without gradients; the first call on a machine builds it,
+        which takes seconds.
+        Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
+        one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
+        Raises ShapeError, DomainError: when the view does not fit. Raises Cancelled.
+        """
+        _check_view(points, view)
+        mesh, home = self.mesh, self.mesh.vertices
+        if len(points) == 0:
+            return home.new_zeros(0, 3)
+        view = view.to(home)
+        surface, coordinates, gather = self._made(compiled)
+        rows, ended = chunks(len(points), CHUNK), []
+        _ = mesh.corner_normals  # by all threads, before they part
 
-def _gathered(
-    surface: Surface,
-    gather: Gatherer,
-    here: Points,
-    mesh: Mesh,
-    towards: Float[Tensor, "P 3"],
-    lights: list[Light] | tuple[Light, ...],
-    occluder: Occluder | None,
-    jitter: Float[Tensor, "P 3"] | None,
-    counts: tuple[int, int],
-    seed: int,
-    generator: torch.Generator,
-    cancel: Cancel | None,
-) -> Float[Tensor, "P 3"]:
-    """Radiance of all lights that leaves towards the eye; `counts`: samples of surroundings and areas."""
-    eta, sites = gather.interior.eta, surface.at(here)
-    moved = None if jitter is None else jitter[:, :2]
-    rays = view_rays(sites, towards, eta, gather.far, gather.size, moved)
-    origin = None if occluder is None else smooth_origin(here, mesh)
-    shift = None if jitter is None else jitter[:, 2]
-    total = torch.zeros_like(sites.position)
-    waiting: list[Tensor] = []
-    for number, light in enumerate(lights):
-        count = 1 if light.is_delta else counts[not isinstance(light, Environment)]
-        for square in _squares(count, len(here), seed + number, generator):
-            check_cancelled(cancel)
-            seen = light.sample(sites.position, sites.normal, square.to(sites.position))
-            waiting.append(light_scalars(sites, rays, seen, eta, gather.size, occluder, origin, 1 / count))
-            if len(waiting) == TOGETHER:
-                total = total + gather(rays.scalars, torch.stack(waiting), shift)
-                waiting = []
-    if waiting:
-        total = total + gather(rays.scalars, torch.stack(waiting), shift)
-    return total * rays.leaves[:, None]
+        def part(row: slice) -> Float[Tensor, "rows 3"]:
+            here = points[row]
+            generator = torch.Generator().manual_seed(seed + row.start)
+            towards = unit(view - here.position(mesh)) if view.ndim == 1 else view[row]
+            jitter = None if self.noise is None else draw(self.noise, here.uv(coordinates), generator)
+            result = torch.zeros_like(towards)
+            # what faces away is dark
+            facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
+            if len(facing):
+                jitter = None if jitter is None else jitter[facing]
+                left = self._gathered(
+                    surface, gather, here[facing], towards[facing], jitter, seed, generator, cancel
+                )
+                result = result.index_put((facing,), left)
+            ended.append(row)
+            if progress is not None:
+                progress("march", len(ended) / len(rows))
+            return result
+
+        return torch.cat(in_threads(part, rows, cancel, graded=self._graded(surface)))
+
+    def _graded(self, surface: Surface) -> bool:
+        return surface.corner.requires_grad or self.interior.requires_grad or graded(self.lights)
+
+    def _made(self, compiled: bool) -> tuple[Surface, Float[Tensor, "F 3 2"], Gatherer]:
+        """The surface, its texture coordinates, and what gathers light beneath it."""
+        with self._making:
+            if self._surface is None:
+                coordinates = check_uv(self.mesh, self._uv, self.interior)
+                planes = self._planes or fitted_planes(self.mesh, self.interior)
+                self._surface = Surface(self.mesh, planes, coordinates), coordinates
+            compiled = compiled and not self._graded(self._surface[0])
+            if compiled not in self._gatherers:
+                self._gatherers[compiled] = Gatherer(self.interior, *self._how, compiled)
+            return *self._surface, self._gatherers[compiled]
+
+    def _gathered(
+        self,
+        surface: Surface,
+        gather: Gatherer,
+        here: Points,
+        towards: Float[Tensor, "P 3"],
+        jitter: Float[Tensor, "P 3"] | None,
+        seed: int,
+        generator: torch.Generator,
+        cancel: Cancel | None,
+    ) -> Float[Tensor, "P 3"]:
+        """Radiance of all lights that leaves towards the eye."""
+        eta, sites, occluder = gather.interior.eta, surface.at(here), self.occluder
+        moved = None if jitter is None else jitter[:, :2]
+        rays = view_rays(sites, towards, eta, gather.far, gather.size, moved)
+        origin = None if occluder is None else smooth_origin(here, self.mesh)
+        shift = None if jitter is None else jitter[:, 2]
+        total = torch.zeros_like(sites.position)
+        waiting: list[Tensor] = []
+        for number, light in enumerate(self.lights):
+            count = 1 if light.is_delta else self._counts[not isinstance(light, Environment)]
+            for square in _squares(light, count, len(here), seed + number, generator):
+                check_cancelled(cancel)
+                seen = light.sample(sites.position, sites.normal, square.to(sites.position))
+                waiting.append(
+                    light_scalars(sites, rays, seen, eta, gather.size, occluder, origin, 1 / count)
+                )
+                if len(waiting) == TOGETHER:
+                    total = total + gather(rays.scalars, torch.stack(waiting), shift)
+                    waiting = []
+        if waiting:
+            total = total + gather(rays.scalars, torch.stack(waiting), shift)
+        return total * rays.leaves[:, None]
 
 
 def fitted_planes(mesh: Mesh, interior: Interior) -> Planes:
@@ -145,26 +211,23 @@ def fitted_planes(mesh: Mesh, interior: Interior) -> Planes:
     return fit_planes(mesh, plane_radius(least)) if least > 0 else tangent_planes(mesh)
 
 
-def _squares(count: int, points: int, seed: int, generator: torch.Generator) -> Iterator[Tensor]:
-    """`count` samples per point in the unit square, one good set shifted from point to point."""
-    if count == 1:
+def _squares(
+    light: Light, count: int, points: int, seed: int, generator: torch.Generator
+) -> Iterator[Tensor]:
+    """`count` samples of a light per point in the unit square, one good set shifted from point to point."""
+    if light.is_delta:
         yield torch.full((points, 2), 0.5)
         return
     shift = torch.rand(points, 2, generator=generator)
+    if count == 1:
+        yield shift
+        return
     for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
         yield torch.frac(common + shift)
 
 
-def _check(
-    points: Points,
-    method: str,
-    samples: int,
-    phase: str,
-    view: Tensor,
-    environment_samples: int,
-    area_samples: int,
-) -> None:
-    """Raises DomainError or ShapeError for what cannot be marched."""
+def _check(method: str, samples: int, phase: str, environment_samples: int, area_samples: int) -> None:
+    """Raises DomainError for what cannot be marched."""
     if method not in ("exact", "uniform"):
         raise DomainError(f"march: expected method 'exact' or 'uniform', got {method!r}.")
     if phase not in ("henyey-greenstein", "schlick"):
@@ -177,6 +240,10 @@ def _check(
         raise DomainError(
             f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}."
         )
+
+
+def _check_view(points: Points, view: Tensor) -> None:
+    """Raises ShapeError or DomainError for views that do not fit the points."""
     if view.ndim == 2 and view.shape[0] != len(points):
         raise ShapeError(
             f"march: expected a view direction per point, got {view.shape[0]} for {len(points)} points."

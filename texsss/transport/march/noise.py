@@ -35,6 +35,8 @@ class Noise:
                 )
         if self.texture is not None and (self.texture.ndim != 2 or self.texture.numel() == 0):
             raise ShapeError(f"Noise: expected a texture (H, W), got {tuple(self.texture.shape)}.")
+        if self.texture is not None and not bool(torch.isfinite(self.texture).all()):
+            raise DomainError("Noise: expected a finite texture, got NaN or infinity; repair the image.")
 
 
 def draw(noise: Noise, uv: Float[Tensor, "P 2"], generator: torch.Generator) -> Float[Tensor, "P 3"]:

@@ -19,6 +19,7 @@ from texsss.transport.march.planes import EPSILON, Planes
 from texsss.types import Bool, Float, Tensor, unit
 
 LEAST_VIEW_COS = 1e-3  # of the view ray to the fitted plane: grazing rays end somewhere
+BEYOND = 1e-4  # of the deepest boundary: how much further rays go that cross it
 OPAQUE = 16.0  # optical depth beyond which float32 sees nothing
 KNOT_RANGE = (0.05, 9.0)  # how strongly knots may crowd towards the surface
 
@@ -35,8 +36,11 @@ class Reach:
     rate: float
 
 
-def reach(interior: Interior) -> Reach:
-    """The reach of an interior: its deepest boundary, or some mean free paths of an infinite layer."""
+def reach(interior: Interior, across: bool = False) -> Reach:
+    """The reach of an interior: its deepest boundary, or some mean free paths of an infinite layer.
+
+    `across`: rays cross the deepest boundary, by more than rounding, so that gradients see that they do.
+    """
     extinction = interior.sigma_t.detach().reshape(-1, interior.layers, interior.sigma_t.shape[-1])
     boundary = interior.depth.detach()
     depth = float(boundary.amax()) if boundary.numel() else 0.0
@@ -48,7 +52,7 @@ def reach(interior: Interior) -> Reach:
     least = float(extinction.amin())
     longest = OPAQUE / least if least > 0 else math.inf
     # a surface without anything beneath still needs a step that is not zero
-    return Reach(max(depth, 1e-9), longest, rate)
+    return Reach(max(depth * (1 + BEYOND if across else 1), 1e-9), longest, rate)
 
 
 class Surface:
