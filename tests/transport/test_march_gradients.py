@@ -49,7 +49,7 @@ def test_gradients_reach_depths_and_coefficients(method):
 
 
 def slab(thickness, g=0.25) -> Stack:
-    return Stack([Layer(Medium([0.6] * 3, [2.0, 1, 1], g), thickness)])
+    return Stack([Layer(Medium([0.6] * 3, [2.0, 1.0, 1.0], g), thickness)])
 
 
 def seen(stack, view, samples=4) -> torch.Tensor:
