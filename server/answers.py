@@ -28,9 +28,9 @@ def etag(scene: Scene, media_type: str, **options: Any) -> str:
     return f'"{hashlib.sha256(named.encode()).hexdigest()[:32]}"'
 
 
-def matches(condition: str | None, tag: str) -> bool:
+def matches(conditions: list[str], tag: str) -> bool:
     """Whether If-None-Match names `tag`. "*" doesn't: whether an answer exists is known only by making it."""
-    return condition is not None and tag in {one.strip().removeprefix("W/") for one in condition.split(",")}
+    return tag in {one.strip().removeprefix("W/") for one in ",".join(conditions).split(",")}
 
 
 class Answers:

@@ -8,11 +8,10 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
-from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
 from starlette.routing import Match, Route
 from texsss_server import openapi
-from texsss_server.middleware import Envelope, Gate
+from texsss_server.middleware import Envelope, Gate, Origins
 from texsss_server.problems import Problem, of_error
 from texsss_server.routes import assets, bake, catalogue, health, jobs, render, study, viewer
 from texsss_server.service import Service
@@ -55,7 +54,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Gate, service=service)
     if settings.cors_origins:
         app.add_middleware(
-            CORSMiddleware,
+            Origins,
             allow_origins=list(settings.cors_origins),
             allow_methods=["GET", "POST", "DELETE"],
             allow_headers=["content-type", "authorization", "if-none-match", "prefer", "x-client-id"],

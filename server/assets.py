@@ -32,9 +32,16 @@ class Store:
         self.settings = settings
         self._own = None if settings.assets_dir else tempfile.TemporaryDirectory(prefix="texsss-assets-")
         self.folder = Path(self._own.name if self._own else settings.assets_dir or ".").resolve()
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for leftover in self.folder.glob("upload-*"):
-            leftover.unlink(missing_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for leftover in self.folder.glob("upload-*"):
+                leftover.unlink(missing_ok=True)
+            tempfile.TemporaryFile(dir=self.folder).close()
+        except OSError as error:
+            raise AssetError(
+                f"Settings: assets_dir: nothing can be written to {self.folder} ({error.strerror}); choose "
+                "another folder in TEXSSS_ASSETS_DIR."
+            ) from None
         self._arriving = asyncio.Semaphore(settings.uploads)
         self._readers = asyncio.Semaphore(settings.parse_queue)
         self._examiner = Examiner(settings)

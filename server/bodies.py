@@ -20,6 +20,7 @@ from texsss.specs import Source
 
 JSON_TYPES = ("application/json",)
 DEEPEST = 64
+MOST_VALUES = 10_000  # numbers, texts, lists and objects of a body: faults are told at 100,000 a second
 MOST_TOLD = 50  # complaints about one body
 
 
@@ -83,8 +84,7 @@ async def json_body(request: Request, settings: Settings) -> Any:
         raise Problem("malformed-body", f"Expected JSON nested at most {DEEPEST} deep.") from None
     except ValueError:  # Python refuses integers of thousands of digits
         raise Problem("malformed-body", "Expected numbers of a sensible length.") from None
-    if _depth(value) > DEEPEST:
-        raise Problem("malformed-body", f"Expected JSON nested at most {DEEPEST} deep.")
+    _bound(value)
     return value
 
 
@@ -154,15 +154,18 @@ def _pointer(loc: tuple, data: Any) -> str:
     return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
 
 
-def _depth(value: Any) -> int:
-    """How deep lists and objects nest."""
-    deepest, waiting = 0, [(value, 0)]
+def _bound(value: Any) -> None:
+    """Raises Problem: when JSON nests too deep, or holds more values than can be checked in passing."""
+    count, waiting = 0, [(value, 0)]
     while waiting:
         node, depth = waiting.pop()
-        deepest = max(deepest, depth)
         inner = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+        count += len(inner)
+        if depth > DEEPEST:
+            raise Problem("malformed-body", f"Expected JSON nested at most {DEEPEST} deep.")
+        if count > MOST_VALUES:
+            raise Problem("malformed-body", f"Expected at most {MOST_VALUES:,} values in a body.")
         waiting += [(child, depth + 1) for child in inner]
-    return deepest
 
 
 def sources(value: Any, pointer: str = "") -> Iterator[tuple[str, Source]]:

@@ -77,9 +77,9 @@ def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
 
 
 def ranged(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
-    """Data scaled to 0..1 by its least and greatest value, to be seen."""
+    """Data scaled to 0..1 by its least and greatest value, to be seen; what is one value all over stays."""
     low, high = image.amin(), image.amax()
-    return (image - low) / (high - low).clamp_min(1e-12)
+    return (image - low) / (high - low) if high > low else image.clamp(0, 1)
 
 
 def glb(baked: Baked) -> bytes:
@@ -105,9 +105,9 @@ def archive(baked: Baked, progress: Progress) -> bytes:
     return out.getvalue()
 
 
-UNLIKE = ("seconds", "peak_memory_mb", "peak_memory_of_children_mb")  # from bake to bake
+UNLIKE = ("seconds", "threads", "peak_memory_mb", "peak_memory_of_children_mb")  # from bake to bake
 
 
 def _timeless(report: bytes) -> bytes:
     kept = {k: v for k, v in json.loads(report).items() if k not in UNLIKE}
-    return json.dumps(kept, indent=2).encode() + b"\n"
+    return json.dumps(kept, indent=2, sort_keys=True).encode() + b"\n"

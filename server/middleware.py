@@ -1,5 +1,6 @@
 """Around every request: an id, security headers, a log line, metrics; checks at the door, a last resort."""
 
+import asyncio
 import hmac
 import logging
 import secrets
@@ -7,9 +8,11 @@ import time
 from typing import TYPE_CHECKING
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.middleware.cors import CORSMiddleware
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from texsss_server.logs import request_id
-from texsss_server.problems import Problem
+from texsss_server.problems import Problem, retry_after
 
 if TYPE_CHECKING:
     from texsss_server.service import Service
@@ -76,6 +79,18 @@ class Envelope:
         log.info("request", extra=told)
 
 
+class Origins(CORSMiddleware):
+    """Cross-origin headers; a refusal before the request itself is a problem like every other."""
+
+    def preflight_response(self, request_headers: Headers) -> Response:
+        """The answer to OPTIONS."""
+        answer = super().preflight_response(request_headers)
+        if answer.status_code < 400:
+            return answer
+        detail = "Expected an origin, a method and headers that are allowed; see TEXSSS_CORS_ORIGINS."
+        return Problem("origin-refused", detail, headers={"vary": "Origin"}).response(request_id.get())
+
+
 class Gate:
     """Who is let in, and what is said when something breaks behind it.
 
@@ -99,6 +114,11 @@ class Gate:
             problem = self._refusal(scope)
             app = self.app if problem is None else problem.response(name)
             await app(scope, receive, sending)
+        except asyncio.CancelledError:
+            if started or not self.service.stopping:
+                raise
+            late = retry_after("stopping", "The service is stopping; ask again in a moment.", 5)
+            await late.response(name)(scope, receive, send)
         except Exception:
             log.exception("unexpected error", extra={"path": scope["path"]})
             if not started:
@@ -124,5 +144,6 @@ def _host(headers: Headers) -> str:
     """The name in Host without its port."""
     host = headers.get("host", "").lower()
     if host.startswith("["):
-        return host[1:].partition("]")[0]
+        inner, _, port = host[1:].partition("]")
+        return inner if not port or port.startswith(":") else ""
     return host.rpartition(":")[0] if ":" in host else host

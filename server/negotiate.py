@@ -1,4 +1,4 @@
-"""Which of the formats on offer a client wants."""
+"""Which of the formats on offer a client wants, and how it prefers to be answered."""
 
 from collections.abc import Iterable
 
@@ -22,6 +22,15 @@ def accepted(request: Request, available: Iterable[str]) -> str:
             "not-acceptable", f"Expected Accept to allow one of {', '.join(offers)}.", available=offers
         )
     return best
+
+
+def preferences(request: Request) -> dict[str, str]:
+    """What Prefer asks for, by name in lower case; the first of a name counts (RFC 7240, section 2)."""
+    found: dict[str, str] = {}
+    for one in ",".join(request.headers.getlist("prefer")).split(","):
+        name, _, value = one.partition(";")[0].partition("=")
+        found.setdefault(name.strip().lower(), value.strip().strip('"'))
+    return found
 
 
 def _range(part: str) -> tuple[str, float]:

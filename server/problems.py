@@ -29,6 +29,7 @@ KINDS = {
     "malformed-body": Kind(400, "The body cannot be read"),
     "bad-host": Kind(400, "This host is not served here"),
     "unauthorized": Kind(401, "An API key is needed"),
+    "origin-refused": Kind(403, "Pages of this origin may not ask this"),
     "not-found": Kind(404, "Nothing is here"),
     "method-not-allowed": Kind(405, "This method is not served here"),
     "not-acceptable": Kind(406, "No format on offer is accepted"),
@@ -125,7 +126,7 @@ def invalid(detail: str, pointer: str, code: str, where: str = "body") -> Proble
 def of_error(error: TexsssError, sent: Any = None) -> Problem:
     """The answer to an error of the library, without our folders' names and without what was `sent`."""
     slug = next((slug for kind, slug in SLUGS.items() if isinstance(error, kind)), "internal")
-    detail = unquoted(FOLDERS.sub("", str(error)), sent)
+    detail = FOLDERS.sub("", unquoted(str(error), sent))
     if slug == "invalid-parameters":
         return invalid(detail, "", type(error).__name__)
     if slug == "render-timeout":

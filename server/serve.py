@@ -13,6 +13,8 @@ from texsss_server.logs import configure
 from texsss_server.service import Service
 from texsss_server.settings import Settings
 
+from texsss.errors import DomainError
+
 log = logging.getLogger("texsss.server")
 POLL_S = 0.05
 AFTER_CANCEL_S = 10
@@ -33,6 +35,9 @@ class Server(uvicorn.Server):
         """Opens the socket."""
         self._loop = asyncio.get_running_loop()
         await super().startup(sockets)
+        if self.started:
+            host = f"[{self.config.host}]" if ":" in self.config.host else self.config.host
+            log.info(f"listening on http://{host}:{self.config.port} (Ctrl+C stops)")
 
     def handle_exit(self, sig: int, frame: object) -> None:
         """The signal handler: a second signal, or an early one, stops at once."""
@@ -66,10 +71,29 @@ def share_heaps() -> None:
         log.info("this system's allocator is left as it is")
 
 
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that is bound before anything is loaded. Raises DomainError: when it cannot be."""
+    bound = None
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        bound = socket.socket(family, kind, protocol)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind(address)
+    except OSError as error:
+        if bound is not None:
+            bound.close()
+        raise DomainError(
+            f"Settings: nothing can listen on {host}, port {port} ({error.strerror}); choose others with "
+            "--host and --port."
+        ) from None
+    return bound
+
+
 def serve(settings: Settings) -> None:
-    """Runs until it is told to stop."""
+    """Runs until it is told to stop. Raises DomainError, AssetError: when the settings cannot serve."""
     configure(settings.log_format)
     share_heaps()
+    bound = listening(settings.host, settings.port)
     app = create_app(settings)
     config = uvicorn.Config(
         app,
@@ -80,4 +104,4 @@ def serve(settings: Settings) -> None:
         server_header=False,
         timeout_graceful_shutdown=AFTER_CANCEL_S,
     )
-    Server(config, app.state.service).run()
+    Server(config, app.state.service).run(sockets=[bound])

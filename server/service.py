@@ -15,6 +15,7 @@ from texsss_server.answers import Answer, Answers, matches
 from texsss_server.assets import Store
 from texsss_server.jobs import Job, Jobs
 from texsss_server.metrics import Metrics
+from texsss_server.negotiate import preferences
 from texsss_server.problems import Problem, of_error, retry_after
 from texsss_server.settings import MB, Settings
 from texsss_server.turn import BACKGROUND, Turn
@@ -125,7 +126,7 @@ class Service:
         drafts_of: str | None = None,
     ) -> Response:
         """The answer of `call` under the ETag `tag`; a job of a `kind` if the client prefers that."""
-        is_known = matches(request.headers.get("if-none-match"), tag)
+        is_known = matches(request.headers.getlist("if-none-match"), tag)
         known = None if is_known else self.answers.get(tag)
         if is_known or known is not None:
             self.worker.supersede(drafts_of)
@@ -135,9 +136,9 @@ class Service:
             self.metrics.hits.inc()
             return success(known, _caching(tag))
         call = _told(call, getattr(request.state, "sent", None))
-        prefer = request.headers.get("prefer", "").lower()
-        if kind is not None and "respond-async" in prefer:
-            job = await self._job(request, kind, call, _wait_s(prefer))
+        wishes = preferences(request)
+        if kind is not None and "respond-async" in wishes:
+            job = await self._job(request, kind, call, _wait_s(wishes))
             if job.answer is None:
                 return _accepted(job)
             known = job.answer
@@ -178,10 +179,10 @@ def _accepted(job: Job) -> Response:
     return JSONResponse(view.model_dump(mode="json"), 202, headers)
 
 
-def _wait_s(prefer: str) -> int:
+def _wait_s(wishes: dict[str, str]) -> int:
     """How long a client waits before a job is made of its request (RFC 7240, section 4.3)."""
-    found = re.search(r"\bwait\s*=\s*(\d{1,6})", prefer)
-    return min(int(found[1]), LONGEST_WAIT_S) if found else 0
+    told = wishes.get("wait", "")
+    return min(int(told), LONGEST_WAIT_S) if re.fullmatch(r"[0-9]{1,6}", told) else 0
 
 
 def success(answer: Answer, headers: dict[str, str]) -> Response:

@@ -90,5 +90,6 @@ class Turn:
                 return Problem("client-closed-request", "The client left before the answer.")
             case "cancelled":
                 return Problem("job-failed", "The job was cancelled.", state="cancelled")
-        detail = f"Expected the work to take at most {self.timeout_s:g} s; ask for less, or for a job."
+        instead = "ask for less" if self.patience else "ask for less, or for a job"
+        detail = f"Expected the work to take at most {self.timeout_s:g} s; {instead}."
         return retry_after("render-timeout", detail, 10)

@@ -34,6 +34,11 @@ def test_default_object_keeps_what_is_not_stated():
     assert scene.material.layers[0].medium == "marble" and scene.material.surface.albedo == "albedo"
 
 
+def test_a_source_that_is_stated_takes_the_place_of_the_default_objects():
+    scene = Scene.parse({"maps": {"albedo": {"source": {"asset": "0" * 64}}}})
+    assert scene.maps["albedo"].source.builtin is None and scene.maps["albedo"].space == "srgb"
+
+
 @pytest.mark.parametrize(
     "data, names",
     [

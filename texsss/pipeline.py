@@ -42,6 +42,7 @@ from texsss.view.tonemap import tonemap
 KINDS = (Operators, Step, Kernel, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 LOOKS_PER_MARCH = 4  # of an environment's samples: rays of a pixel and neighbours add up to the rest
+UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -268,6 +269,7 @@ class Run(Beneath):
     def baked(self) -> Baked:
         """Everything but the picture, which is taken when asked for."""
         scene = self.scene
+        _ = self.surface_maps, self.stack  # what cannot be read is told before it is waited for
         result = (self.irradiance.value, self.exitance, self.weights("total").value)
 
         _ = self.inward  # the report tells of it, which asks for nothing new
@@ -280,6 +282,7 @@ class Run(Beneath):
         def report() -> dict:
             atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
             energies = self.irradiance.value, self.exitance
-            return describe(scene, self.seconds, self.advice, atlas, texels, weights, *energies)
+            advice = self.advice if bool((energies[0] > 0).any()) else [UNLIT, *self.advice]
+            return describe(scene, self.seconds, advice, atlas, texels, weights, *energies)
 
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)

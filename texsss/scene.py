@@ -192,10 +192,11 @@ def migrate(data: dict) -> dict:
 
 
 def _filled(value: Any, default: Any) -> Any:
-    """`value` with the fields of `default` that it does not state, within its parts too."""
+    """`value` with the fields of `default` that it does not state, within its parts too, but for sources."""
     if not isinstance(value, dict) or not isinstance(default, dict):
         return value
-    stated = {name: _filled(item, default.get(name)) for name, item in value.items()}
+    parts = {name: None if name == "source" else default.get(name) for name in value}
+    stated = {name: _filled(item, parts[name]) for name, item in value.items()}
     return {**default, **stated}
 
 

@@ -90,6 +90,8 @@ def _panel(
     position: list[float], direction: list[float], edges: list[float], radiance: list[float] = ONE
 ) -> dict:
     width, height = edges
+    if not (width > 0 and height > 0):
+        raise ValueError("a width and a height above 0")
     (dx, dy, dz), length = direction, math.hypot(*direction)
     if not (0 < length < math.inf):
         raise ValueError("a direction")

@@ -6,6 +6,8 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+from texsss_server.answers import matches
 from texsss_server.bodies import chunks, media_type
 from texsss_server.examine import Asset
 from texsss_server.problems import Problem, responses
@@ -31,6 +33,14 @@ BODY = {
 }
 
 router = APIRouter()
+
+
+class Whole(FileResponse):
+    """A file, never a part of it: ranges may be ignored (RFC 9110, section 14.2)."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
+        await super().__call__({**scope, "headers": headers}, receive, send)
 
 
 class UploadQuery(BaseModel):
@@ -79,16 +89,20 @@ async def describe(asset: str, service: TheService) -> Asset:
     response_class=FileResponse,
     responses={
         200: {"description": "As uploaded.", "content": {"application/octet-stream": BINARY}},
+        304: {"description": "Unchanged since the ETag in If-None-Match."},
         **responses("not-found"),
     },
 )
-async def content(asset: str, service: TheService) -> Response:
+async def content(request: Request, asset: str, service: TheService) -> Response:
     """The file as it was uploaded."""
-    found = _found(asset, service)
+    found, tag = _found(asset, service), f'"{asset}"'
+    headers = {"etag": tag, "cache-control": "private, max-age=3600", "accept-ranges": "none"}
+    if matches(request.headers.getlist("if-none-match"), tag):
+        return Response(status_code=304, headers=headers)
     try:
         path = service.store.path(asset)
-        return FileResponse(
-            path, media_type="application/octet-stream", filename=found.name, stat_result=path.stat()
+        return Whole(
+            path, 200, headers, "application/octet-stream", filename=found.name, stat_result=path.stat()
         )
     except (AssetError, FileNotFoundError):  # removed just now
         raise _gone() from None

@@ -39,6 +39,15 @@ def test_too_little_memory_or_time_is_one_sentence_and_the_next_file_works():
             small.read_mesh(many, name="large.obj")
 
 
+def test_a_server_that_ended_while_nothing_was_asked_is_started_again():
+    with Sandbox() as sandbox:
+        sandbox.read_mesh(SQUARE)
+        assert sandbox._server is not None
+        sandbox._server.kill()
+        sandbox._server.wait()
+        assert len(sandbox.read_mesh(SQUARE)[0].faces) == 2
+
+
 def test_a_server_that_is_killed_is_noticed_at_once_and_leaves_no_child():
     many = b"".join(b"v %d %d 0\n" % (i, i * i % 97) for i in range(1_000_000)) + b"f 1 2 3\n"
     with Sandbox() as sandbox:

@@ -64,3 +64,36 @@ def test_bad_lights_are_refused():
         RectangleLight((0, 0, 0), (1, 0, 0), (2, 0, 0), (1, 1, 1))
     with pytest.raises(DomainError, match="inner"):
         SpotLight((0, 0, 0), (1, 1, 1), (0, 0, 1), inner=0.5, outer=0.4)
+
+
+@pytest.mark.parametrize(
+    "centre, width, height, noise",
+    [
+        ((0, 0, 50), (1000, 0, 0), (0, -1000, 0), 0.08),  # near and large: by area one look in ten glares
+        ((0, 0, 1000), (1e6, 0, 0), (0, -1e6, 0), 0.08),
+        ((60, 0, 520), (0, 0, 1000), (0, 5, 0), 0.06),  # a strip that rises beside the point
+        ((0, 50, 200), (300, 0, 80), (50, -200, 30), 0.04),  # its edges are not perpendicular
+        ((0, 0, 1e6), (1, 0, 0), (0, -1, 0), 1e-4),
+    ],
+)
+def test_panels_send_what_their_polygon_does(centre, width, height, noise):
+    """E = L/2 Σ of the angles of its sides times the cosines of their planes (Lambert 1760), every seed."""
+    centre, width, height = (torch.tensor(x, dtype=torch.float64) for x in (centre, width, height))
+    corners = [centre + (a * width + b * height) / 2 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    truth = 0.0
+    for a, b in zip(corners, corners[1:] + corners[:1]):
+        across = torch.linalg.cross(a, b)
+        angle = torch.atan2(across.norm(), a @ b)
+        truth -= float(angle * across[2] / across.norm()) / 2
+    panel = RectangleLight(centre, width, height, (1, 1, 1))
+    found = torch.tensor(
+        [float(irradiance(HERE, square(1.0), [panel], area_samples=16, seed=s)[0, 0]) for s in range(24)]
+    )
+    assert float((found / truth - 1).square().mean().sqrt()) < noise
+    assert float(found.mean()) == pytest.approx(truth, rel=noise / 3)
+    assert float(found.max()) < math.pi * 1.25, "the most that one look stands for is the whole panel"
+
+
+def test_lights_beyond_all_measure_are_refused():
+    with pytest.raises(DomainError, match="1e[+]18"):
+        PointLight((0, 0, 100), (1e38, 1, 1))

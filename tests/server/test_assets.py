@@ -42,6 +42,12 @@ def test_mesh_is_kept_by_its_content(client):
     assert client.get(first.headers["location"]).json() == body
     content = client.get(f"{first.headers['location']}/content")
     assert content.content == data and content.headers["x-content-type-options"] == "nosniff"
+    # content is named by itself: known to whoever has it, and never sent in parts
+    where, tag = f"{first.headers['location']}/content", content.headers["etag"]
+    assert client.get(where, headers={"if-none-match": tag}).status_code == 304
+    for part in ("bytes=0-3", "bytes=9999-", "lines=1"):
+        whole = client.get(where, headers={"range": part})
+        assert whole.status_code == 200 and whole.content == data
     assert client.delete(first.headers["location"]).status_code == 204
     problem(client.get(first.headers["location"]), 404, "not-found")
     scene = quick({"asset": body["asset"]})

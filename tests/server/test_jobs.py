@@ -65,8 +65,11 @@ def test_a_job_is_made_only_of_what_takes_long(client, small):
     again = client.post("/v1/render", json=scene, headers=ASYNC)
     assert again.status_code == 200, "what is kept needs no job"
     assert (again.content, again.headers["etag"]) == (answer.content, answer.headers["etag"])
-    hasty = client.post("/v1/render", json=slow(small, 22), headers={"prefer": "respond-async, wait=1"})
+    lines = [("prefer", 'wait="1"'), ("prefer", "Respond-Async")]
+    hasty = client.post("/v1/render", json=slow(small, 22), headers=lines)
     assert hasty.status_code == 202
+    other = client.post("/v1/render", json=small | {"seed": 23}, headers={"prefer": "not-respond-async"})
+    assert other.status_code == 200
     assert client.delete(hasty.json()["links"]["self"]).status_code == 204
     wrong = small | {"mesh": {"source": {"builtin": "nothing.obj"}}}
     problem(client.post("/v1/render", json=wrong, headers=patient), 422, "invalid-parameters")

@@ -47,6 +47,13 @@ def test_cors_only_where_allowed(tight):
     assert allowed("https://evil.example") is None
 
 
+def test_preflights_that_are_refused_are_problems(tight):
+    asks = {"origin": "https://evil.example", "access-control-request-method": "POST"}
+    problem(tight.options("/v1/render", headers=asks), 403, "origin-refused")
+    allowed = tight.options("/v1/render", headers=asks | {"origin": "https://studio.example"})
+    assert allowed.status_code == 200
+
+
 def test_pages_elsewhere_can_read_refusals(strict):
     origin = {"origin": "https://studio.example"}
     for headers, status in (({}, 401), ({"host": "evil.example"}, 400)):

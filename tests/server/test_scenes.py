@@ -107,6 +107,30 @@ def test_bakes(client, small):
         assert "seconds" not in json.loads(files.read("report.json"))
 
 
+def test_scenes_that_are_equal_give_equal_bundles(client, small):
+    """Whatever the order of what they name: they share an ETag."""
+    media = {
+        "a": {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 1},
+        "b": {"sigma_a_per_mm": 0.2, "sigma_s_per_mm": 2},
+    }
+    first, second = (
+        client.post("/v1/bake", json=small | {"media": named}, headers={"accept": "application/zip"})
+        for named in (media, dict(reversed(media.items())))
+    )
+    assert first.headers["etag"] == second.headers["etag"] and first.content == second.content
+
+
+def test_data_of_one_value_is_seen(client, small):
+    """Coverage 1 all over is white, not black."""
+    one = {
+        "maps": {},
+        "material": {"layers": [{"medium": "skin1", "thickness_mm": 0.25}, {"medium": "skin2"}]},
+    }
+    asked = client.post("/v1/render", json=small | one, params={"image": "thickness-1"})
+    pixels = np.asarray(Image.open(io.BytesIO(asked.content)))
+    assert asked.status_code == 200 and pixels.max() > 60
+
+
 def test_profile_in_units(client, small):
     found = client.post("/v1/profile", json=small).json()
     assert len(found["r_mm"]) == len(found["reflectance_per_mm2"])

@@ -99,6 +99,8 @@ class Sandbox:
         raise LimitError(f"{options['name']}: {sentence}; give a smaller or a sound file.")
 
     def _ask(self, options: dict, data: bytes) -> tuple[str, bytes]:
+        if self._server is not None and self._server.poll() is not None:
+            self.close()  # it ended while nothing was asked of it
         first = self._link is None
         link = self._link or self._start()
         try:

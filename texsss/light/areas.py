@@ -7,6 +7,7 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.light.emitters import LightSamples, Triple, basis, like, triple
+from texsss.light.panel_angle import LEAST_SR, towards
 from texsss.types import Float, Tensor, unit
 
 
@@ -39,18 +40,25 @@ class RectangleLight:
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
     ) -> LightSamples:
-        """See `Light.sample`; points of the panel are uniform."""
+        """See `Light.sample`; directions are uniform within the solid angle of the panel.
+
+        So no sample is brighter than the panel seen whole, however near or large that is.
+        """
         width, height = like(self.width, position), like(self.height, position)
-        centred = square - 0.5
-        target = like(self.position, position) + centred[:, :1] * width + centred[:, 1:] * height
-        offset = target - position
-        squared = (offset * offset).sum(-1).clamp_min(1e-6)
-        direction = unit(offset)
+        centre = like(self.position, position) - position
+        direction, angle = towards(centre - 0.5 * (width + height), width, height, square)
+        direction, angle = direction.to(position), angle.to(position)
         across = torch.linalg.cross(width, height)  # the normal, times the area
-        facing = -(direction * across).sum(-1).clamp_max(0)
-        # dω = cos dA / d²; mm² cancel
-        irradiance = like(self.radiance, position) * (facing / squared)[:, None]
-        return LightSamples(direction, squared.sqrt(), irradiance)
+        towards_plane = (centre * across).sum(-1)
+        # far away it is a point: dω = cos dA / d²; mm² cancel
+        squared = (centre * centre).sum(-1).clamp_min(1e-6)
+        small = angle < LEAST_SR
+        direction = torch.where(small[:, None], unit(centre), direction)
+        angle = torch.where(small, towards_plane.abs() / squared**1.5, angle)
+        along = (direction * across).sum(-1)
+        distance = towards_plane / torch.where(along == 0, 1.0, along)
+        irradiance = like(self.radiance, position) * (angle * (towards_plane < 0))[:, None]
+        return LightSamples(direction, distance.clamp_min(0), irradiance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from texsss.types import Float, Int, Tensor, unit
 
 Triple = Sequence[int | float] | Tensor
 MM2_PER_M2 = 1e6
+MOST = 1e18  # of what describes a light: its square is still a number
 POOL = 256  # cells along a square from which directions are drawn
 
 
@@ -319,8 +320,8 @@ def triple(light: object, field: str, least: float = -math.inf) -> Tensor:
     if value.shape != (3,):
         raise ShapeError(f"{who}: expected three numbers for {field}, got shape {tuple(value.shape)}.")
     seen = value.detach()
-    if not bool(torch.isfinite(seen).all()) or not bool((seen >= least).all()):
-        need = "finite numbers" if least == -math.inf else f"finite numbers of at least {least:g}"
-        raise DomainError(f"{who}: expected {need} for {field}, got {seen.tolist()}.")
+    if not bool((seen.abs() <= MOST).all()) or not bool((seen >= least).all()):
+        need = f"from {-MOST if least == -math.inf else least:g} to {MOST:g}"
+        raise DomainError(f"{who}: expected numbers {need} for {field}, got {seen.tolist()}.")
     object.__setattr__(light, field, value)
     return value

@@ -18,6 +18,7 @@ Origin = Literal["source", "xatlas", "fallback"]
 
 MAX_USELESS = 1e-3  # share of the surface that may be flat or overlap in uv
 MAX_STARVED = 1e-2  # share of the surface that may lie in charts too small for a single texel
+LEAST_FILLED = 1e-2  # of the square: less, and texels are wasted a hundred times over
 MAX_COVERED = 16  # times that the author's coordinates may cover the square if they are insisted on
 MARGIN = 1e-5  # how far outside the square still counts as on its edge: exporters round
 TEST_SIZES = (1024, 2048)  # between these the texels lie in which overlaps are looked for
@@ -28,14 +29,16 @@ class AtlasReport:
     """How good an atlas is, all shares of the surface's area in 0..1.
 
     `flat`: faces without area in uv; `overlapping`: parts whose place another face owns; `starved`:
-    charts that own no texel. `outside`: faces that leave the unit square. `padding_texels`: between charts,
-    as packed; None for the author's. `messages`: sentences for the user.
+    charts that own no texel. `filled`: share of the square that faces cover. `outside`: faces that leave
+    the unit square. `padding_texels`: between charts, as packed; None for the author's. `messages`:
+    sentences for the user.
     """
 
     charts: int
     flat: float
     overlapping: float
     starved: float
+    filled: float
     outside: int
     padding_texels: float | None
     messages: tuple[str, ...]
@@ -44,7 +47,8 @@ class AtlasReport:
     def serves(self) -> bool:
         """Whether light can be stored in it: every point of the surface has a texel of its own, nearly."""
         useless = self.flat + self.overlapping
-        return self.outside == 0 and useless <= MAX_USELESS and self.starved <= MAX_STARVED
+        sound = self.outside == 0 and useless <= MAX_USELESS and self.starved <= MAX_STARVED
+        return sound and self.filled >= LEAST_FILLED
 
     @property
     def fault(self) -> str:
@@ -53,7 +57,9 @@ class AtlasReport:
             return f"{self.outside:,} faces leave the unit square"
         if self.flat + self.overlapping > MAX_USELESS:
             return f"{self.overlapping:.2%} of the surface overlaps and {self.flat:.2%} is flat in uv"
-        return f"{self.starved:.2%} of the surface lies in charts without a texel"
+        if self.starved > MAX_STARVED:
+            return f"{self.starved:.2%} of the surface lies in charts without a texel"
+        return f"only {self.filled:.2g} of the unit square is covered"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +88,8 @@ def make_atlas(
     """An atlas of the mesh by rule `uv`.
 
     `auto`: the author's coordinates if they lie in the square, at most 0.1 % of the surface overlaps or is
-    flat (mirrored charts serve), and at most 1 % lies in charts smaller than a texel; else `xatlas`, in a
+    flat (mirrored charts serve), at most 1 % lies in charts smaller than a texel, and they fill 1 % of the
+    square or more; else `xatlas`, in a
     process of its own, charts `padding_texels` apart at `size` (H, W) [texels] where they have room; and
     should that fail, or be bound to take longer than a minute, the `fallback`: projections along the axes,
     which always end. `source` insists on the author's, `xatlas` on several times as long. `timeout_s`:
@@ -155,6 +162,7 @@ def examine_uv(
         flat=float(area[flat].sum() / total),
         overlapping=float(contested_area(mesh, near, test, cancel).sum() / total),
         starved=float(area[starved].sum() / total),
+        filled=float(texels.sum() / (size[0] * size[1])),
         outside=int(outside.sum()),
         padding_texels=None,
         messages=(),
