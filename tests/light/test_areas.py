@@ -95,5 +95,5 @@ def test_panels_send_what_their_polygon_does(centre, width, height, noise):
 
 
 def test_lights_beyond_all_measure_are_refused():
-    with pytest.raises(DomainError, match="1e[+]18"):
+    with pytest.raises(DomainError, match=r"1e\+18"):
         PointLight((0, 0, 100), (1e38, 1, 1))
