@@ -32,6 +32,8 @@ SKIN = preset("skin1")
         (lambda: Layer(SKIN, -0.5), "thickness.*>= 0"),
         (lambda: Layer(SKIN, torch.tensor([[0.1, math.inf]])), "thickness.*finite"),
         (lambda: stack_from_depths([torch.rand(2, 2, 4)], [SKIN], (1.0, 0.5)), "range.*invert"),
+        (lambda: stack_from_depths([torch.full((2, 2, 4), 128.0)], [SKIN], (0.1, 2.0)), "0..1.*by 255"),
+        (lambda: stack_from_depths([torch.full((2, 2, 4), math.nan)], [SKIN], (0.1, 2.0)), "0..1.*nan"),
         (lambda: variance_ladder(0.0, 100.0), "texel_mm > 0"),
     ],
 )

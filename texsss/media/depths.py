@@ -9,6 +9,8 @@ from texsss.media.medium import Medium
 from texsss.media.stack import Layer, Stack
 from texsss.types import Float, Tensor
 
+ROUNDING = 1e-3  # beyond 0..1, of values that were resampled
+
 
 def stack_from_depths(
     textures: Sequence[Float[Tensor, "H W D"]],
@@ -23,7 +25,8 @@ def stack_from_depths(
     Channel i of the concatenated `textures` (values 0..1, four per RGBA image) is the depth of the lower
     boundary of layer i; `range_mm` says what 0 and 1 mean [mm], exchanged by `invert`. A boundary above
     the one before it is taken to touch it. `infinite`: one more medium lies beneath all. Differentiable.
-    Raises ShapeError: for sizes that differ or too few channels; DomainError: for a range that is none.
+    Raises ShapeError: for sizes that differ or too few channels; DomainError: for a range that is none, or
+    values that are not 0..1.
     """
     low, high = range_mm
     if not (0 <= low <= high and high < float("inf")):
@@ -31,6 +34,8 @@ def stack_from_depths(
             f"Depth texture: expected a range 0 <= low <= high [mm], got {low:g}..{high:g}; "
             "say how deep black and white are, and use invert to exchange them."
         )
+    if not textures:
+        raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
     sizes = {tuple(t.shape[:2]) for t in textures}
     if len(sizes) != 1:
         raise ShapeError(f"Depth texture: expected images of one size, got {sorted(sizes)}; resize them.")
@@ -42,6 +47,12 @@ def stack_from_depths(
             "add an image."
         )
     values = values[..., :finite]
+    least, most = (float(x) for x in values.detach().aminmax())
+    if not (least >= -ROUNDING and most <= 1 + ROUNDING):
+        raise DomainError(
+            f"Depth texture: expected values in 0..1, got {least:g}..{most:g}; divide those of 8 bits "
+            "by 255; the range says what they are in mm."
+        )
     depth = low + (high - low) * (1 - values if invert else values)
     depth = torch.cummax(depth, -1).values
     thickness = torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1]))
