@@ -1,5 +1,7 @@
 """Depths of nested meshes: spheres in a sphere, and slabs under a square."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from shapes import scatter, sphere
@@ -26,6 +28,18 @@ def test_boundaries_never_cross_and_end_with_the_object():
     torch.testing.assert_close(missed, torch.full((200, 1), 100.0), rtol=0, atol=1.0)
     capped = depths_from_meshes(points, outer, [sphere(30.0)], greatest_mm=7.0)
     assert float(capped.max()) == 7.0
+
+
+@pytest.mark.parametrize("wound", [[0, 1, 2], [0, 2, 1]])
+def test_a_layer_that_sticks_out_lies_at_the_surface(wound):
+    """Else its far side, up to 25 mm down, would be taken for its boundary."""
+    outer, ball = sphere(50.0), sphere(20.0)
+    ball = replace(ball.moved(ball.vertices + torch.tensor([45.0, 0, 0])), faces=ball.faces[:, wound])
+    points = scatter(outer, 500, seed=0)
+    depth = depths_from_meshes(points, outer, [ball])[:, 0]
+    within = (points.position(outer) - torch.tensor([45.0, 0, 0])).norm(dim=-1) < 19
+    assert int(within.sum()) > 5 and float(depth[within].max()) < 0.2
+    assert float(depth[~within].median()) > 50
 
 
 def test_depths_need_layers_and_stop_when_asked():
