@@ -17,6 +17,7 @@ from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.shelf import Shelf, users_shelf
 from texsss.showing import model, showing
+from texsss.transport import loops as diffusing
 from texsss.transport.march import fused as marching
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
@@ -112,9 +113,10 @@ class Baker:
         return inspect(self._run(scene, progress, cancel), picture)
 
     def build_loops(self) -> None:
-        """Builds what marches through layers and weighs them, unless it lies on disk: else part of a bake."""
+        """Builds what diffuses, marches and weighs layers, unless it lies on disk: else part of a bake."""
         marching.build_usual()
         weighing.build_usual()
+        diffusing.build()
 
     def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
         if not isinstance(scene, Scene):

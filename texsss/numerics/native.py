@@ -89,7 +89,7 @@ def _folder() -> Path:
 def notice(why: str) -> None:
     """Says once for every reason that loops run uncompiled."""
     warnings.warn(
-        f"texsss: march and profiles run uncompiled, ten times slower, because {why}.",
+        f"texsss: march, profiles and diffusion run uncompiled, several times slower, because {why}.",
         RuntimeWarning,
         stacklevel=3,
     )

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from texsss.numerics.sparse import Sparse, starts
-from texsss.transport.loops import call, products
+from texsss.transport.loops import call, products, room
 from texsss.types import Float, Int, Tensor
 
 WHOLE = (1 << 15) - 1  # that weights are counted in: the weight of a point's own value
@@ -62,7 +62,7 @@ class Kernel:
             return made if out is None else out.copy_(made)
         x, (points, count) = x.contiguous(), x.shape
         result = torch.empty_like(x) if out is None else out
-        scaled = x.new_empty(count, points + 2 * self._margin + STRIP)
+        scaled = room(x, count, points + 2 * self._margin + STRIP)
         args = points, self._margin, *self._entries, before, after, x, count, scaled
         call(found.kernel_times, *args, result)
         return result

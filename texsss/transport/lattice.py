@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
+from texsss.transport.loops import Scratch
 from texsss.transport.runs import Runs, runs
 from texsss.transport.ways import Ways
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
@@ -69,10 +70,17 @@ class Blur:
 
     along: tuple[Runs, Runs, Runs]
 
-    def times(self, x: Float[Tensor, "N C"], out: Float[Tensor, "N C"] | None = None) -> Float[Tensor, "N C"]:
+    def times(
+        self,
+        x: Float[Tensor, "N C"],
+        out: Float[Tensor, "N C"] | None = None,
+        scratch: Scratch | None = None,
+    ) -> Float[Tensor, "N C"]:
         """`x` convolved; in `out`, if there is one."""
         first, second, last = self.along
-        return last.times(second.times(first.times(x)), out)
+        rows = [len(first.first), len(second.first)]
+        between = (scratch or Scratch(x)).rows(sum(rows), x.shape[1]).split(rows)
+        return last.times(second.times(first.times(x, between[0]), between[1]), out)
 
 
 def blur(nodes: Lattice, variance: float, cancel: Cancel | None = None) -> Blur:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import torch
 
 from texsss.transport.lattice import Blur
-from texsss.transport.loops import room
-from texsss.transport.ways import Ways
+from texsss.transport.loops import Scratch, room
+from texsss.transport.ways import Ways, padded
 from texsss.types import Float, Tensor
 
 
@@ -33,15 +33,17 @@ def over(
 ) -> None:
     """Put what all Gaussians of the levels make of `x` times `scale`, times `last`, into `out`."""
     channels = x.shape[1]
+    scratch = Scratch(x)
     held: list[Tensor] = []  # columns of one level: its own Gaussians, then room for those of wider ones
     wide, factor = sum(len(level.blurs) for level in levels), scale[None]
     for level in levels:
         x = level.ways.down([x], factor)
         factor = None
-        columns = room(x, x.shape[0], channels * wide)
+        # rows that begin where lines of the cache do
+        columns = room(x, x.shape[0], padded(channels * wide))[:, : channels * wide]
         wide -= len(level.blurs)
         for k, own in enumerate(level.blurs):
-            own.times(x, columns[:, channels * k : channels * (k + 1)])
+            own.times(x, columns[:, channels * k : channels * (k + 1)], scratch)
         held.append(columns)
     for finer, level, columns in reversed(list(zip(held, levels[1:], held[1:]))):
         level.ways.up(columns, [finer[:, finer.shape[1] - columns.shape[1] :]])
@@ -52,12 +54,13 @@ def over_transposed(
     levels: tuple[Level, ...], parts: Sequence[Float[Tensor, "P C"]], scale: Float[Tensor, "W P"]
 ) -> Float[Tensor, "P C"]:
     """The transpose of `over` but for `x`'s factor: the sum of what Gaussians make of their own parts."""
-    channels, held, factor = parts[0].shape[1], [], scale
+    channels, held, factor, scratch = parts[0].shape[1], [], scale, Scratch(parts[0])
     for level in levels:
         x = level.ways.down(parts, factor)
         factor = None
         own = len(level.blurs)
-        sums = [b.times(x[:, channels * k : channels * (k + 1)]) for k, b in enumerate(level.blurs)]
+        columns = x.split(channels, 1)[:own]
+        sums = [b.times(part, None, scratch) for part, b in zip(columns, level.blurs, strict=True)]
         held.append(torch.stack(sums).sum(0) if len(sums) > 1 else sums[0] if sums else None)
         parts = [x[:, channels * own :]]
     back: Tensor | None = None

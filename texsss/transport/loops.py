@@ -8,11 +8,11 @@ from typing import Any
 import torch
 
 from texsss.numerics.native import library
-from texsss.types import Int, Tensor
+from texsss.types import Float, Int, Tensor
 
 PRODUCTS = Path(__file__).with_name("products.cpp")
 PAIRS = Path(__file__).with_name("pairs.cpp")
-LARGE = 1 << 24  # bytes; from which new memory is asked for in large pages
+LARGE = 1 << 22  # bytes; from which new memory is asked for in large pages
 
 
 def products(*values: Tensor) -> ctypes.CDLL | None:
@@ -55,6 +55,25 @@ def room(like: Tensor, *shape: int) -> Tensor:
     if size >= LARGE and (found := products(made)) is not None:
         found.roomy(ctypes.c_void_p(made.data_ptr()), ctypes.c_int64(size))
     return made
+
+
+class Scratch:
+    """Memory that results in between share, one after the other: new memory is dear."""
+
+    def __init__(self, like: Tensor):
+        self.like, self.held = like, like.new_empty(0)
+
+    def rows(self, rows: int, columns: int) -> Float[Tensor, "rows columns"]:
+        """Good until it is asked for the next time."""
+        if rows * columns > len(self.held):
+            self.held = room(self.like, rows * columns)
+        return self.held[: rows * columns].view(rows, columns)
+
+
+def build() -> None:
+    """Builds the loops, unless they lie on disk."""
+    for source in (PAIRS, PRODUCTS):
+        library(source, {})
 
 
 def addresses(tensors: Sequence[Tensor]) -> Int[Tensor, " groups"]:

@@ -142,7 +142,8 @@ class _Applied(torch.autograd.Function):
 
         def own(number: int) -> Tensor:
             """Where a result goes; those not asked for, elsewhere."""
-            return copies[place[number]][: len(lightmap)] if number in place else torch.empty_like(lightmap)
+            copy = copies[place[number]] if number in place else room(values, *values.shape)
+            return copy[: len(lightmap)]
 
         made = [lightmap]
         if 0 in place:

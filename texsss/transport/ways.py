@@ -70,9 +70,9 @@ class Ways:
             return self._plain.transpose.times(torch.cat(scaled, 1))
         if any(part.stride() != (x.stride(0), 1) for part in parts):
             parts = [part.contiguous() for part in parts]
-        wide = next((width for width in WIDTHS if width >= count), -(-count // WIDTHS[-1]) * WIDTHS[-1])
-        made = torch.zeros(self.nodes, wide)
-        spare = torch.zeros(max(torch.get_num_threads() - 1, 0), self.nodes, wide)
+        wide = padded(count)
+        made = room(x, self.nodes, wide).zero_()
+        spare = room(x, max(torch.get_num_threads() - 1, 0), self.nodes, wide).zero_()
         args = self.member, self.beyond, self.corner, addresses(parts), len(parts), *_layout(parts[0]), scale
         call(found.ways_down, len(self.member), *args, self.nodes, made, wide, spare)
         return made[:, :count]
@@ -88,6 +88,11 @@ class Ways:
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_plain"}
+
+
+def padded(count: int) -> int:
+    """Columns that make whole vectors of at least `count`."""
+    return next((width for width in WIDTHS if width >= count), -(-count // WIDTHS[-1]) * WIDTHS[-1])
 
 
 def _layout(part: Float[Tensor, "P C"]) -> tuple[int, int]:
