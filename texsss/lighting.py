@@ -45,6 +45,7 @@ class Lighting(Matter):
             eta=self.stack.value.eta,
             occluder=self.occluder.value,
             environment_samples=placing.environment_samples(self.scene),
+            area_samples=placing.area_samples(self.scene),
             seed=self.scene.seed,
             **self.hooks(stage),
         )

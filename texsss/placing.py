@@ -36,6 +36,13 @@ def environment_samples(scene: Scene) -> int:
     return max((spec.samples for spec in scene.lights if isinstance(spec, EnvironmentSpec)), default=1)
 
 
+def area_samples(scene: Scene) -> int:
+    """How often panels and balls are looked at from every texel."""
+    return max(
+        (spec.samples for spec in scene.lights if isinstance(spec, RectangleSpec | SphereSpec)), default=1
+    )
+
+
 def _placed(spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
     match spec:
         case PointSpec():

@@ -234,22 +234,27 @@ class SpotSpec(Model):
 
 
 class RectangleSpec(Model):
-    """A panel around `position_mm` whose edges are two vectors [mm]; it shines towards width × height."""
+    """A panel around `position_mm` whose edges are two vectors [mm]; it shines towards width × height.
+
+    `samples`: looks at it from every texel; with several panels and balls the most count for all.
+    """
 
     type: Literal["rectangle"] = "rectangle"
     position_mm: Vector
     width_mm: Vector
     height_mm: Vector
     radiance: Colour = (1.0, 1.0, 1.0)
+    samples: Annotated[Count, Field(ge=1, le=4096)] = 16
 
 
 class SphereSpec(Model):
-    """A glowing ball: centre and radius [mm], radiance [W/(m² sr)]."""
+    """A glowing ball: centre and radius [mm], radiance [W/(m² sr)]; `samples` as of a panel."""
 
     type: Literal["sphere"] = "sphere"
     position_mm: Vector
     radius_mm: Positive
     radiance: Colour = (1.0, 1.0, 1.0)
+    samples: Annotated[Count, Field(ge=1, le=4096)] = 16
 
 
 class EnvironmentSpec(Model):

@@ -322,6 +322,6 @@ def triple(light: object, field: str, least: float = -math.inf) -> Tensor:
     seen = value.detach()
     if not bool((seen.abs() <= MOST).all()) or not bool((seen >= least).all()):
         need = f"from {-MOST if least == -math.inf else least:g} to {MOST:g}"
-        raise DomainError(f"{who}: expected numbers {need} for {field}, got {seen.tolist()}.")
+        raise DomainError(f"{who}: expected finite numbers {need} for {field}, got {seen.tolist()}.")
     object.__setattr__(light, field, value)
     return value
