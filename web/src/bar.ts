@@ -29,6 +29,7 @@ export class Bar {
   private readonly redo: HTMLButtonElement;
   private readonly table: HTMLButtonElement;
   private turning = 0;
+  private pointed = true; // the focus came by a pointer
 
   constructor(
     element: HTMLElement,
@@ -51,6 +52,7 @@ export class Bar {
       group("Page", iconButton("theme", "Light or dark page", () => (swapTheme(), host.themed())), iconButton("help", "Help and keys", () => host.help(), "?")),
     );
     view.addEventListener("pointerdown", () => this.turn(false));
+    document.addEventListener("pointerdown", () => (this.pointed = true), true);
     document.addEventListener("keydown", (event) => this.key(event));
     this.sync();
   }
@@ -99,9 +101,11 @@ export class Bar {
       else this.host.store.undo();
       return;
     }
-    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-    // single letters are for the picture and the bar: elsewhere they may mean something to who types or speaks
-    if (event.target !== document.body && !(event.target as Element).closest("#view, #bar")) return;
+    if (event.key === "Tab") this.pointed = false;
+    if (field || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    // single letters are for the picture and the bar, and for who points; to who goes from field to field by keys
+    // or speaks they may mean something else there
+    if (!this.pointed && event.target !== document.body && !(event.target as Element).closest("#view, #bar")) return;
     const acts: Record<string, () => void> = {
       f: () => this.host.frame(),
       r: () => this.host.home(),

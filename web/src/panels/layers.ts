@@ -235,10 +235,11 @@ export class LayersPanel {
   }
 
   private async takeThickness(file: File, index: number): Promise<void> {
+    const meant = JSON.stringify(this.store.state.layers[index]);
     const name = await this.host.takeMap(file, "linear");
     if (!name) return;
     this.store.edit((state) => {
-      const layer = state.layers[index];
+      const layer = state.layers.find((one) => JSON.stringify(one) === meant) ?? state.layers[index]; // it may have moved
       if (layer) layer.thickness_map = { map: name, range: [0.02, layer.thickness_mm ?? 2], invert: false };
     });
   }

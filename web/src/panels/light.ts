@@ -112,11 +112,13 @@ export class LightPanel {
     });
     const body = h("div", { class: "card-body" });
     const unit = light.type === "studio" ? "×" : UNITS[powerField(light)];
+    let shone: Triple = [1, 1, 1]; // its colour when it last did: darkness has none
     const peak = (state: State) => Math.max(...powerOf(at(state)));
     const scaled = (state: State, value: number) => {
       const power = powerOf(at(state));
       const most = Math.max(...power);
-      put(state, withPower(at(state), (most > 0 ? power.map((one) => (one / most) * value) : [value, value, value]) as Triple));
+      if (most > 0) shone = power.map((one) => one / most) as Triple;
+      put(state, withPower(at(state), shone.map((one) => one * value) as Triple));
     };
     const range = { studio: [0.05, 10], point: [0.001, 1000], spot: [0.001, 1000], directional: [0.05, 50], rectangle: [0.05, 500], sphere: [0.05, 500], environment: [0.02, 20] }[light.type];
     body.append(keep(slider(this.store, { label: "Strength", unit, min: range[0], max: range[1], limits: [0, 1e6], log: true, pointer: `/lights/${index}`, get: peak, set: scaled })));
