@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from paging import METHODS, drop, pixels, pose, settle, state
 from PIL import Image
-from serving import torus_obj
+from serving import OBJ, torus_obj
 
 SLIDER = "#panel-material .card-body input[type=range]"
 
@@ -163,8 +163,13 @@ def test_problems_stand_at_their_fields(visit):
     page.said.clear()
 
 
-def test_long_work_is_cancelled(visit):
-    page, told = visit(), []
+def test_long_work_is_cancelled(visit, page_server):
+    """On a mesh of its own: what the service has kept is no work."""
+    with page_server.client(**OBJ) as client:
+        asset = client.post("/v1/assets", params={"name": "own.obj"}, content=torus_obj(tube=22)).json()[
+            "asset"
+        ]
+    page, told = visit({"mesh": {"source": {"asset": asset}, "unit_mm": 1.0}}), []
     page.on("request", lambda one: told.append(one.url) if one.method == "DELETE" else None)
     at_once = {"prefer": "respond-async"}  # however little time it takes
     page.route("**/v1/geometry", lambda route: route.continue_(headers=route.request.headers | at_once))
