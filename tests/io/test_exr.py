@@ -50,6 +50,28 @@ def test_layers_and_lone_channels(tmp_path):
         read_exr(made(tmp_path / "c.exr", {"u": plane, "v": plane}))
 
 
+def test_which_channels_are_the_picture(tmp_path):
+    a, b, c = np.random.default_rng(0).random((3, 3, 4)).astype(np.float32)
+    colours = torch.from_numpy(np.dstack([a, b, c]))
+    for red, green, blue in (
+        ("r", "g", "b"),
+        ("Beauty.red", "Beauty.green", "Beauty.blue"),
+        ("N.X", "N.Y", "N.Z"),
+    ):
+        path = made(tmp_path / "a.exr", {red: a, green: b, blue: c, "depth.Z": a})
+        assert torch.equal(read_exr(path), colours)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    parts = [
+        OpenEXR.Part({**header, "name": "depth"}, {"Z": a}, "depth"),
+        OpenEXR.Part({**header, "name": "colours"}, {"R": a, "G": b, "B": c}, "colours"),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "b.exr"))
+    assert torch.equal(read_exr(tmp_path / "b.exr"), colours)
+    with pytest.raises(AssetError, match=r"at most 192 bytes.*got 240; save colours"):
+        made(tmp_path / "c.exr", {f"l{k}.Y": a for k in range(5)})
+        read_exr(tmp_path / "c.exr", max_pixels=12)
+
+
 def test_refusals(tmp_path, capfd):
     path = tmp_path / "a.exr"
     image = torch.ones(4, 4, 3)

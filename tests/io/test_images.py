@@ -106,25 +106,57 @@ def test_deep_images_turn_like_shallow_ones(orientation):
     torch.testing.assert_close(turned, read_image(shallow, "linear"))
 
 
-def tiff(values: np.ndarray, kind: int) -> bytes:
-    """An uncompressed RGB TIFF; `kind`: 1 for whole numbers, 3 for floats."""
-    height, width, _ = values.shape
-    bits, body = values.itemsize * 8, values.tobytes()
-    fields = [
-        *((256, 3, 1, width), (257, 3, 1, height), (258, 3, 3, 134), (259, 3, 1, 1), (262, 3, 1, 2)),
-        *((273, 4, 1, 146), (277, 3, 1, 3), (278, 3, 1, height), (279, 4, 1, len(body)), (339, 3, 3, 140)),
+def tiff(values: np.ndarray, kind: int, meaning: int = 2, packing: int = 1, body: bytes = b"") -> bytes:
+    """A TIFF of one strip; `kind`: 1 for whole numbers, 3 for floats. With `body` it is predicted, kind 3."""
+    height, width, samples = values.shape
+    bits, body, predictor = values.itemsize * 8, body or values.tobytes(), 3 if body else 1
+    order = ">" if values.dtype.byteorder == ">" else "<"
+    tags = [
+        *((256, width), (257, height), (258, *[bits] * samples), (259, packing), (262, meaning), (273, 8)),
+        *((277, samples), (278, height), (279, len(body)), (317, predictor), (339, *[kind] * samples)),
     ]
-    head = struct.pack("<2sHIH", b"II", 42, 8, len(fields))
-    rows = b"".join(struct.pack("<HHII", *row) for row in fields)
-    return head + rows + struct.pack("<I6H", 0, *[bits] * 3, *[kind] * 3) + body
+    start = 8 + len(body) + 6 + 12 * len(tags)
+    rows = beyond = b""
+    for tag, *numbers in tags:
+        packed = struct.pack(f"{order}{len(numbers)}I", *numbers)
+        rows += struct.pack(order + "HHI", tag, 4, len(numbers))
+        rows += packed if len(numbers) == 1 else struct.pack(order + "I", start + len(beyond))
+        beyond += packed if len(numbers) > 1 else b""
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "I", 8 + len(body))
+    return head + body + struct.pack(order + "H", len(tags)) + rows + bytes(4) + beyond
 
 
-@pytest.mark.parametrize("dtype,kind", [("<u2", 1), ("<f4", 3)])
-def test_deep_colours_in_tiff_are_refused_by_name(dtype, kind):
-    """Eight of sixteen bits are not taken in silence, nor are floats called something else than TIFF."""
-    assert read_image(tiff(COLOURS, 1)).shape == (16, 24, 3)
-    with pytest.raises(AssetError, match=r"a TIFF of 8-bit colours.*16-bit PNG or as OpenEXR"):
-        read_image(tiff(COLOURS.astype(dtype), kind), name="map.tiff")
+@pytest.mark.parametrize("dtype,kind", [("<u2", 1), (">u2", 1), ("<f4", 3), (">f2", 3)])
+def test_deep_colours_in_tiff(dtype, kind):
+    """All bits of every sample, floats as light as it is."""
+    values = COLOURS * np.float32(257) if kind == 1 else COLOURS / np.float32(64)
+    data = tiff(values.astype(dtype), kind)
+    expected = torch.from_numpy(values / (65535 if kind == 1 else 1))
+    torch.testing.assert_close(read_image(data, "linear"), expected)
+    assert torch.equal(read_image(data, "linear", "a"), torch.ones(16, 24, 1))
+    with pytest.raises(AssetError, match=r"^map\.tiff: expected .*damage"):
+        read_image(data[:40] + data[-250:], name="map.tiff")
+    with pytest.raises(AssetError, match=r"at most 99 pixels"):
+        read_image(data, max_pixels=99)
+
+
+def test_packed_deep_tiff():
+    """LZW of differences by pillow; differences of bytes, significant ones first, deflated."""
+    grey = RAMP.astype(np.uint16) * 257
+    packed = saved(Image.fromarray(grey), "TIFF", compression="tiff_lzw", tiffinfo={317: 2})
+    assert np.array_equal(read_image(packed, "linear", "r")[..., 0].numpy(), grey / np.float32(65535))
+    light = np.random.default_rng(0).random((5, 7, 3)).astype("<f4")
+    planes = light.astype(">f4").view("u1").reshape(5, 21, 4).swapaxes(1, 2).reshape(5, 28, 3)
+    body = zlib.compress(np.diff(planes, axis=1, prepend=0).astype("u1").tobytes())
+    assert np.array_equal(read_image(tiff(light, 3, packing=8, body=body)).numpy(), light)
+
+
+def test_white_as_zero_and_kinds_of_tiff_that_are_refused():
+    deep = RAMP[..., None].astype("<u2") * 257
+    whiteless = tiff(65535 - deep, 1, meaning=0)
+    assert torch.equal(read_image(whiteless, "linear"), read_image(tiff(deep, 1, meaning=1), "linear"))
+    with pytest.raises(AssetError, match=r"a TIFF of grey or RGB.*16-bit PNG or as OpenEXR"):
+        read_image(tiff(COLOURS.astype("<u2"), 1, meaning=8), name="lab.tiff")  # CIE L*a*b*
 
 
 def test_grey_palette_bilevel_and_alpha():

@@ -4,7 +4,7 @@ import pytest
 import torch
 from shapes import square
 
-from texsss.errors import ShapeError
+from texsss.errors import DomainError, ShapeError
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
@@ -43,7 +43,18 @@ def test_strength_and_missing_uv():
     mesh, points = sheet()
     flat = mapped_normals(points, mesh, colour(1, 1, 0.6), strength=0.0)
     torch.testing.assert_close(flat[:, 2], torch.ones(2))
-    with pytest.raises(ShapeError, match=r"red, green and blue, got 1 channel"):
+    with pytest.raises(ShapeError, match=r"got grey"):
         mapped_normals(points, mesh, colour(1, 1, 0.6)[..., :1])
     with pytest.raises(ShapeError, match="unwrap"):
         mapped_normals(points, square(), colour(0.5, 0.5, 1))
+
+
+def test_heights_and_directions_of_the_world_are_no_normal_map():
+    mesh, points = sheet()
+    heights = torch.rand(5, 6, 1, generator=torch.Generator().manual_seed(0)).expand(-1, -1, 3).clone()
+    with pytest.raises(ShapeError, match="got grey"):
+        mapped_normals(points, mesh, heights)
+    heights[2, 3, 2] += 0.1  # one texel that has a colour
+    assert mapped_normals(points, mesh, heights).shape == (2, 3)
+    with pytest.raises(DomainError, match="tangent space"):
+        mapped_normals(points, mesh, colour(0, -0.7, 0.7))

@@ -1,7 +1,7 @@
 """OpenEXR images: linear, half or float."""
 
 import io
-import re
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ import OpenEXR
 import torch
 
 from texsss.errors import AssetError, ShapeError
-from texsss.io.files import check_pixels, read_bytes, replacing
+from texsss.io.files import check_held, check_pixels, read_bytes, replacing
 from texsss.types import Float, Tensor
 
 MAGIC = b"v/1\x01"
@@ -43,23 +43,30 @@ def write_exr(path: str | Path, image: Float[Tensor, "H W C"], half: bool = Fals
 def read_exr(
     source: str | Path | bytes, *, name: str = "image.exr", max_pixels: int = MAX_PIXELS
 ) -> Float[Tensor, "H W C"]:
-    """Linear values of the first part: 3 channels, 4 with alpha, or 1.
+    """Linear values: 3 channels, 4 with alpha, or 1.
 
-    Colours of a named layer (`diffuse.R`) are taken when there are none without a name. `name` stands
-    for bytes in messages. The size is checked before pixels are read.
-    Raises AssetError: when it is no readable OpenEXR, has too many pixels, no colours, or NaN.
+    Taken are red, green and blue of the first part that has them, without a layer's name before those
+    of a layer (`diffuse.R`); else luminance Y; else X, Y and Z of a layer, as vectors are stored; else the
+    only channel of the file. `name` stands for bytes in messages. Sizes are checked before pixels are read.
+    Raises AssetError: when it is no readable OpenEXR, too large in pixels or bytes, has no colours, or NaN.
     """
     data, name = (source, name) if isinstance(source, bytes) else (read_bytes(source), str(source))
     if not data.startswith(MAGIC):
         raise AssetError(f"{name}: expected an OpenEXR image, got something else; check the file.")
     try:
-        header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
-        low, high = header["dataWindow"]
-        width, height = (int(h) - int(l) + 1 for l, h in zip(low, high))
+        headers = [part.header for part in OpenEXR.File(io.BytesIO(data), header_only=True).parts]
+        part, chosen = _colours([[c.name for c in header["channels"]] for header in headers], name)
+        width, height = _size(headers[part])
         check_pixels(width, height, name, max_pixels)
-        chosen = _colours([channel.name for channel in header["channels"]], name)
-        found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
-        planes = [np.asarray(found[c].pixels, dtype=np.float32) for c in chosen]
+        # all parts are decoded together, whatever is taken of them; a header does not tell halves from floats
+        held = sum(math.prod(_size(h)) * 4 * len(h["channels"]) for h in headers)
+        check_held(held, name, max_pixels)
+        found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels(part)
+        if any(found[c].pixels.shape != (height, width) for c in chosen):
+            raise AssetError(f"{name}: expected channels of one size, got subsampled ones; export RGB.")
+        image = np.empty((height, width, len(chosen)), np.float32)
+        for k, channel in enumerate(chosen):
+            image[..., k] = found[channel].pixels
     except (AssetError, MemoryError):
         raise
     # the binding raises RuntimeError, ValueError, TypeError for damage of all kinds
@@ -67,22 +74,45 @@ def read_exr(
         raise AssetError(
             f"{name}: expected an OpenEXR image, got a damaged one ({error}); export it again."
         ) from error
-    if any(plane.shape != (height, width) for plane in planes):
-        raise AssetError(f"{name}: expected channels of one size, got subsampled ones; export RGB.")
-    image = np.stack(planes, -1)
-    if not np.isfinite(image).all():
+    if not all(np.isfinite(row).all() for row in image):  # row by row: no mask of all
         raise AssetError(f"{name}: expected finite values, got NaN or infinity; repair the image.")
     return torch.from_numpy(image)
 
 
-def _colours(names: list[str], file: str) -> list[str]:
-    """Which channels make the picture."""
-    layers = sorted({n.rpartition(".")[0] for n in names})  # "" first: no layer
-    for layer in layers:
-        dot = f"{layer}." if layer else ""
-        if all(dot + c in names for c in "RGB"):
-            return [dot + c for c in "RGBA" if dot + c in names]
-    for single in names:
-        if re.fullmatch(r"(.*\.)?Y", single) or len(names) == 1:
-            return [single]
-    raise AssetError(f"{file}: expected channels R, G, B or Y, got {', '.join(names)}; export colours.")
+def _size(header: dict) -> tuple[int, int]:
+    """Width and height of a part."""
+    low, high = header["dataWindow"]
+    width, height = (int(h) - int(l) + 1 for l, h in zip(low, high))
+    return width, height
+
+
+def _colours(parts: list[list[str]], file: str) -> tuple[int, list[str]]:
+    """Which part and which of its channels make the picture."""
+    # channels of a part by layer and lower-case name; layer "" comes first
+    layers = [(k, _layers(names)) for k, names in enumerate(parts)]
+    every = [(k, of[layer]) for k, of in layers for layer in sorted(of)]
+    for wanted in (("r", "g", "b", "a"), ("red", "green", "blue", "alpha")):
+        for k, layer in every:
+            if all(c in layer for c in wanted[:3]):
+                return k, [layer[c] for c in wanted if c in layer]
+    for k, layer in every:
+        if "y" in layer and not ("x" in layer and "z" in layer):
+            return k, [layer["y"]]
+    for k, layer in every:
+        if all(c in layer for c in "xyz"):
+            return k, [layer[c] for c in "xyz"]
+    names = [name for part in parts for name in part]
+    if len(names) == 1:
+        return 0, names
+    raise AssetError(
+        f"{file}: expected channels R, G, B or Y, got {', '.join(names)}; name them so, or export one alone."
+    )
+
+
+def _layers(names: list[str]) -> dict[str, dict[str, str]]:
+    """Channels of every layer: from the part after the last dot, in lower case, to the whole name."""
+    layers: dict[str, dict[str, str]] = {}
+    for name in names:
+        layer, _, channel = name.rpartition(".")
+        layers.setdefault(layer, {})[channel.lower()] = name
+    return layers

@@ -58,3 +58,15 @@ def check_pixels(width: int, height: int, name: str, max_pixels: int) -> None:
             max_pixels,
             width * height,
         )
+
+
+def check_held(held: int, name: str, max_pixels: int) -> None:
+    """Raises TooLarge: when decoded samples take more bytes than four floats of `max_pixels`."""
+    most = 16 * max_pixels
+    if held > most:
+        raise TooLarge(
+            f"{name}: expected at most {most:,} bytes in all channels, got {held:,}; save colours alone, "
+            "or scale it down.",
+            most,
+            held,
+        )

@@ -13,6 +13,7 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from texsss.errors import AssetError, DomainError, ShapeError, TooLarge
 from texsss.io import exr, hdr
+from texsss.io._tiff import read_deep_tiff
 from texsss.io.files import check_pixels, read_bytes, replacing
 from texsss.types import Float, Tensor
 
@@ -22,8 +23,8 @@ MAX_PIXELS = exr.MAX_PIXELS
 FORMATS = "PNG, JPEG, WebP, TIFF, OpenEXR or Radiance HDR"
 _PILLOW = ("PNG", "JPEG", "WEBP", "TIFF")
 _COLOURS = ("RGB", "RGBA", "RGBX", "CMYK", "LA")
-_TIFF = (b"II*\0", b"MM\0*")
-TIFFS = "a TIFF of 8-bit colours, or of grey with 8, 16 or float bits"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0")  # of BigTIFF, pillow reads this byte order alone
+TIFFS = "a TIFF of grey or RGB with 8, 16 or float bits, or of other colours with 8"
 RATHER = "save it as 16-bit PNG or as OpenEXR"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec.709
@@ -100,6 +101,9 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pillow warns of sizes that we refuse ourselves
+            deep = read_deep_tiff(data, name, max_pixels) if data[:4] in _TIFF else None
+            if deep is not None:
+                return _finite(_turned(*deep), name)
             picture = Image.open(io.BytesIO(data), formats=_PILLOW)
             width, height = picture.size
             check_pixels(width, height, name, max_pixels)
@@ -109,7 +113,8 @@ def _decoded(data: bytes, name: str, max_pixels: int) -> np.ndarray:
             if picture.format == "TIFF" and picture.mode in _COLOURS and _bits(picture) > 8:
                 raise AssetError(f"{name}: expected {TIFFS}, got {_bits(picture)}-bit colours; {RATHER}.")
             picture.load()
-            return _array(ImageOps.exif_transpose(picture), name)
+            ImageOps.exif_transpose(picture, in_place=True)
+            return _array(picture, name)
     except (AssetError, MemoryError):
         raise
     except Image.DecompressionBombError as error:
@@ -154,10 +159,13 @@ def _array(picture: Image.Image, name: str) -> np.ndarray:
     deep = picture.mode == "F" or picture.mode.startswith("I;16")
     if not deep and picture.mode not in ("L", "LA", "RGB", "RGBA"):
         picture = picture.convert("L" if picture.mode == "1" else "RGB")
-    values = np.asarray(picture)
-    if picture.mode == "F" and not np.isfinite(values).all():
+    return _finite(np.asarray(picture).reshape(picture.height, picture.width, -1), name)
+
+
+def _finite(values: np.ndarray, name: str) -> np.ndarray:
+    if values.dtype.kind == "f" and not all(np.isfinite(row).all() for row in values):  # no mask of all
         raise AssetError(f"{name}: expected finite values, got NaN or infinity; repair the image.")
-    return values.reshape(picture.height, picture.width, -1)
+    return values
 
 
 def _is_deep_png(data: bytes) -> bool:
