@@ -95,13 +95,15 @@ def scattered_once(
     *,
     atlas_uv: Float[Tensor, "F 3 2"],
     scale: Float[Tensor, "H W 3"] | None,
+    thickness: Float[Tensor, "H W 1"] | None = None,
     how: MarchSpec,
     seed: int,
     **options: Any,
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
 
-    `scale`: an image over the atlas that multiplies it, where profiles are normalised. `options`: the
+    `scale`: an image over the atlas that multiplies it, where profiles are normalised. `thickness`: of the
+    object [mm], an image alike, where the profiles end with it. `options`: the
     method, samples and occluder of `March`, and how often it samples surroundings. Every ray of a pixel draws
     numbers of its own from `seed`.
     """
@@ -110,11 +112,16 @@ def scattered_once(
         interior = replace(interior, depth=interior.depth.clamp(max=how.deepest_mm))
     noise = Noise(uv=how.noise_uv, start=how.noise) if how.noise or how.noise_uv else None
     lasting = None if scale is None else Texture.of(scale)
+    thick = None if thickness is None else Texture.of(thickness)
     march = March(mesh, planes, interior, lights, uv=mesh.source_uv, noise=noise, **options)
 
     def once(hits: Hits) -> Tensor:
         light = march(
-            hits.points, hits.view, compiled=len(hits.points) >= WORTH_COMPILING, seed=hits.seed(seed)
+            hits.points,
+            hits.view,
+            thickness=None if thick is None else thick.at(hits.points.uv(atlas_uv))[:, 0],
+            compiled=len(hits.points) >= WORTH_COMPILING,
+            seed=hits.seed(seed),
         )
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 

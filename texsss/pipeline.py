@@ -169,6 +169,11 @@ class Run(Beneath):
         if self.normalised:
             total = self.profile("total").value
             scale = texels.to_image(share_of(total.table.sum(1))[total.row.long()])
+        thickness = None
+        if methods.transmission and self.stack.value.layers[-1].thickness is None:
+            # as the weights: a stack without a bottom ends with the object, one with a bottom by itself
+            far = self.far_side.value.thickness.clamp_max(mesh.diagonal_mm)
+            thickness = texels.to_image(far[:, None])
         return scattered_once(
             self.stack.value,
             mesh,
@@ -176,6 +181,7 @@ class Run(Beneath):
             self.lights,
             atlas_uv=texels.atlas_uv,
             scale=scale,
+            thickness=thickness,
             method=methods.single_scattering,
             samples=methods.march_samples,
             how=methods.march,

@@ -251,6 +251,21 @@ def test_every_ray_of_a_pixel_samples_the_sky_by_itself():
 
 
 @pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("method", ["exact", "uniform"])
+def test_an_object_ends_where_it_is_thin(method, compiled):
+    """A half-space of some thickness is the slab, and of none it is dark; measured 3e-7."""
+    view = unit(torch.tensor([0.5, 0.7, 0.2])).expand(3, 3)
+    how = {"method": method, "samples": 8}
+    light, thickness = [DirectionalLight(SUN, UNIT)], torch.tensor([0.0, 0.7, math.inf])
+    endless = March(square(), None, Stack([Layer(fish()[0])]), light, **how)
+    lit = endless(centre(3), view, thickness=thickness, compiled=compiled)
+    slab = march(centre(3), square(), None, Stack([Layer(fish()[0], 0.7)]), light, view, **how)
+    torch.testing.assert_close(lit[1], slab[1], rtol=1e-5, atol=0)
+    assert float(lit[0].max()) < 1e-4 * float(lit[1].min())
+    torch.testing.assert_close(lit[2], endless(centre(3), view, compiled=compiled)[2], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
 def test_a_march_is_made_once_for_all_that_see_it(compiled, monkeypatch):
     mesh = hills(torch.float32)
     points = scattered_points(mesh, 90, seed=3)

@@ -13,6 +13,7 @@ from texsss.transport.march.interior import Interior, from_depths, from_stack
 from texsss.transport.march.kernel import FRAME
 from texsss.transport.march.march import march
 from texsss.transport.march.noise import Noise
+from texsss.transport.march.planes import fit_planes
 
 pytestmark = pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing is compiled")
 
@@ -53,19 +54,53 @@ def test_compiled_march_is_the_march(case):
         assert float(error) < (1e-4 if method == "exact" else 2e-3), (method, samples, float(error))
 
 
+@pytest.mark.parametrize("deep", [20.0, 1e5])
+def test_one_deep_place_does_not_coarsen_the_rest(deep):
+    """Boundaries that vary by much get more bits, and none for what is too deep to be seen."""
+    mesh, depth = hills(torch.float32), veins(dtype=torch.float32)
+    depth[:4, :4, 1:] += deep
+    points = scattered_points(mesh, 2000, seed=8)
+    args = (points, mesh, None, from_depths(depth, fish()), [DirectionalLight(SUN, UNIT)])
+    ours, plain = (march(*args, torch.tensor([4.0, 30.0, 12.0]), compiled=c) for c in (True, False))
+    assert float((ours - plain).square().mean().sqrt() / plain.mean()) < 2e-4
+
+
+@pytest.mark.parametrize("painted", [False, True])
+def test_what_is_nearly_clear_does_not_space_the_steps(painted):
+    """RMSE of 16 steps as a share of the mean, against 2000 down a finite layer of all its depth.
+
+    Measured .0046 and .014; steps spaced by the least extinction anywhere have .035 and .09.
+    """
+    grain = 5 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(1))
+    clear, deep = Medium([0.005] * 3, [0.005] * 3, 0.0, 1.0), 400.0
+    depth = veins(dtype=torch.float32)
+    if painted:
+        endless, truth = (from_stack(Stack([Layer(Medium(0.02, grain, 0.0, 1.0), d)])) for d in (None, 30.0))
+    else:
+        endless = from_depths(depth, [*fish(), clear])
+        truth = from_depths(torch.cat([depth, depth[..., 2:] + deep], -1), [*fish(), clear])
+    mesh, eye = hills(torch.float32), torch.tensor([14.0, 20.0, 12.0])
+    args = (scattered_points(mesh, 500, seed=0), mesh, fit_planes(mesh, 2.0))
+    few, many = (
+        march(*args, layers, [DirectionalLight(SUN, UNIT)], eye, samples=n, compiled=True)
+        for layers, n in ((endless, 16), (truth, 2000))
+    )
+    assert float((few - many).square().mean().sqrt() / many.mean()) < (0.02 if painted else 0.01)
+
+
 def test_one_endless_layer_has_no_boundary():
     view = torch.tensor([[0.5, 0.7, 0.2]]).expand(3, 3)
     args = (centre(3), square(), None, Stack([Layer(fish()[0])]), [DirectionalLight(SUN, UNIT)], view)
     torch.testing.assert_close(march(*args, compiled=True), march(*args), rtol=3e-6, atol=0)
 
 
-@pytest.mark.parametrize("boundaries", [1, 2, 3, 5])
-def test_packed_thicknesses_are_within_half_a_unit(boundaries):
+@pytest.mark.parametrize(("boundaries", "wide"), [(1, False), (2, False), (3, False), (3, True), (5, False)])
+def test_packed_thicknesses_are_within_half_a_unit(boundaries, wide):
     depth = torch.rand(8, 12, boundaries, generator=torch.Generator().manual_seed(2)).cumsum(-1)
     depth[..., 0] = 0.25  # one thickness stays exact
-    words, coded = packed(depth)
+    words, coded = packed(depth, wide)
     assert words.shape[1:] == (8 + FRAME, 12 + FRAME)
-    per_word, bits = {1: (1, 24), 3: (3, 10)}.get(boundaries, (2, 16))
+    per_word, bits = {1: (1, 24), 3: (2, 16) if wide else (3, 10)}.get(boundaries, (2, 16))
     unpacked = [
         (words[i // per_word, :8, :12] >> (bits * (i % per_word))) & (2**bits - 1) for i in range(boundaries)
     ]

@@ -1,7 +1,7 @@
 // The march of march/kernel.py, samples.py and segments.py as one loop per point: nothing but the result
 // leaves the registers. Formulas and their sources stand there; names are the same. Macros that the
 // build sets: BOUNDARIES, ENDLESS (an infinite layer below them), SCHLICK, G_CHANNELS (1 or 3),
-// MAPPED (coefficients are maps).
+// MAPPED (coefficients are maps), WIDE (three boundaries have 16 bits each, not 10).
 
 #include <algorithm>
 #include <vector>
@@ -9,8 +9,8 @@
 #include "lanes.h"
 
 constexpr int B = BOUNDARIES, L = BOUNDARIES + ENDLESS, C = 3, G = G_CHANNELS;
-constexpr int PER_WORD = B == 1 ? 1 : B == 3 ? 3 : 2, BITS = PER_WORD == 1 ? 24 : PER_WORD == 2 ? 16 : 10;
-constexpr int RAY = 10, LIGHT = 11;  // rows of the tables of rays and lights
+constexpr int PER_WORD = B == 1 ? 1 : B == 3 && !WIDE ? 3 : 2, BITS = PER_WORD == 1 ? 24 : PER_WORD == 2 ? 16 : 10;
+constexpr int RAY = 11, LIGHT = 11;  // rows of the tables of rays and lights
 constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, LEAST_REST = 1e-7f, PI4 = 12.566370614359172f;
 
 static inline V floored(V a) {
@@ -19,6 +19,15 @@ static inline V floored(V a) {
 #else
   V cut = real(whole(a));
   return cut > a ? cut - 1 : cut;
+#endif
+}
+static inline I gathered(const int32_t* from, I at) {
+#if defined(__AVX512F__)
+  return (I)_mm512_i32gather_epi32((__m512i)at, from, 4);
+#else
+  I r = {};
+  for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
+  return r;
 #endif
 }
 
@@ -113,7 +122,7 @@ static inline void coefficients(const Texture& t, const float* numbers, V x, V y
 }
 
 struct Ray {
-  V x, y, dx, dy, length, view_n, view_s, offset, n_s, nearer;
+  V x, y, dx, dy, length, view_n, view_s, offset, n_s, nearer, goes_on;
 };
 struct Lamp {
   V light_n, light_s, aside_x, aside_y, light_view, nearness, first, second, power[C];
@@ -193,7 +202,7 @@ static inline void tail(const Coefficients& k, const Ray& r, const Lamp& l, cons
   crossed(e.way, e.boundary, within);
   for (int c = 0; c < C; c++) {
     V slope = k.sigma_t[L - 1][c] * (1 + r.view_s / e.cosine);
-    V share = e.arrives * scattered(e.straight, k.g[L - 1][std::min(c, G - 1)] - V{});
+    V share = r.goes_on * e.arrives * scattered(e.straight, k.g[L - 1][std::min(c, G - 1)] - V{});
     V left = decay(s.passed[c] + optical(within, k, c));
     s.total[c] += l.power[c] * k.sigma_s[L - 1][c] * share * left / greater(slope, all(1e-30f));
   }
@@ -321,7 +330,7 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
     for (int j = 0; j < lights; j++) tail(k1, r, lamps[j], before[j].entry, s);
 }
 
-// Points first … last of `points`; `rays` (10, points), `lights` (count, 11, points), `jitter` (points) or null;
+// Points first … last of `points`; `rays` (11, points), `lights` (count, 11, points), `jitter` (points) or null;
 // `samples` above 0 are exact steps spaced by `rate`, below 0 uniform samples. Fills `result` (3, points).
 extern "C" void march(const int32_t* words, const float* coded, const float* maps, int height, int width,
                       const float* numbers, const float* rays, const float* lights, int count,

@@ -9,11 +9,13 @@ from texsss.numerics.native import library
 from texsss.numerics.threads import in_threads
 from texsss.transport.march.interior import Interior
 from texsss.transport.march.kernel import framed
+from texsss.transport.march.setup import thicknesses
 from texsss.types import Float, Tensor, chunks
 
 SOURCE = Path(__file__).with_name("fused.cpp")
 BLOCK = 1 << 14  # points a thread takes at a time
 MOST_BOUNDARIES = 16
+COARSE = 0.01  # optical depth that 10 bits may round to: beyond, boundaries get 16
 
 
 class Fused:
@@ -28,7 +30,8 @@ class Fused:
         self.ready = False
         if boundaries > MOST_BOUNDARIES or home.dtype != torch.float32 or home.device.type != "cpu":
             return
-        found = _loop(boundaries, interior.bottomless, phase == "schlick", not alike, mapped)
+        wide = _needs_more(interior)
+        found = _loop(boundaries, interior.bottomless, phase == "schlick", not alike, mapped, wide)
         if found is None:
             return
         self.ready = True
@@ -36,7 +39,7 @@ class Fused:
         self._march.restype = None
         height, width = interior.depth.shape[:2]
         self._size = (height, width)
-        self._words, self._coded = packed(interior.depth)
+        self._words, self._coded = packed(interior.depth, wide)
         wide = [x.expand(*x.shape[:-1], 3) for x in fields]
         if alike:
             wide[2] = wide[2][..., :1]
@@ -50,7 +53,7 @@ class Fused:
 
     def __call__(
         self,
-        ray: Float[Tensor, "10 P"],
+        ray: Float[Tensor, "11 P"],
         lights: Float[Tensor, "N 11 P"],
         jitter: Float[Tensor, " P"] | None,
         method: str,
@@ -84,31 +87,40 @@ class Fused:
 def build_usual() -> None:
     """Builds the loops of one to three layers that need no maps of coefficients, unless they are there."""
     for boundaries in range(3):
-        _loop(boundaries, True, False, False, False)
+        _loop(boundaries, True, False, False, False, False)
 
 
 def _loop(
-    boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool
+    boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool, wide: bool
 ) -> ctypes.CDLL | None:
     macros = {"BOUNDARIES": boundaries, "ENDLESS": int(endless), "SCHLICK": int(schlick)}
-    return library(SOURCE, macros | {"G_CHANNELS": 3 if coloured_g else 1, "MAPPED": int(mapped)})
+    macros |= {"G_CHANNELS": 3 if coloured_g else 1, "MAPPED": int(mapped), "WIDE": int(wide)}
+    return library(SOURCE, macros)
 
 
-def packed(
-    depth: Float[Tensor, "H W B"],
-) -> tuple[Tensor, Float[Tensor, " 2*B"]]:
+def _needs_more(interior: Interior) -> bool:
+    """Whether three boundaries vary by too much for 10 bits each."""
+    if interior.depth.shape[-1] != 3:
+        return False
+    extinction = interior.sigma_t.detach().movedim(-2, 0).flatten(1)[:3].amax(1)
+    flat = thicknesses(interior.depth.detach()).reshape(-1, 3)
+    unit = (flat.amax(0) - flat.amin(0)) / (2**10 - 1)
+    return bool((unit * extinction > COARSE).any())
+
+
+def packed(depth: Float[Tensor, "H W B"], wide: bool = False) -> tuple[Tensor, Float[Tensor, " 2*B"]]:
     """Depths as 32-bit words (words, H + 2, W + 2), and least thickness and unit of each layer [mm].
 
     Thicknesses are kept as whole numbers between the least and the greatest of their layer, so that
     boundaries stay in order and layers of one thickness stay exact: 24 bits for one boundary, 16 for two
-    or four and more, 10 for three, whose rounding is a share of 5e-4 of what the layer varies by.
+    or four and more, 10 for three (`wide`: 16), whose rounding is 5e-4 of what the layer varies by.
     """
     height, width, boundaries = depth.shape
     if boundaries == 0:
         return framed(torch.zeros(height, width, 1, dtype=torch.int32)), depth.new_zeros(0)
-    per_word = {1: 1, 3: 3}.get(boundaries, 2)
+    per_word = {1: 1, 3: 2 if wide else 3}.get(boundaries, 2)
     bits = {1: 24, 2: 16, 3: 10}[per_word]
-    thickness = torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1])).reshape(-1, boundaries)
+    thickness = thicknesses(depth).reshape(-1, boundaries)
     least = thickness.amin(0)
     unit = (thickness.amax(0) - least) / (2**bits - 1)
     scale = torch.where(unit > 0, 1 / unit.clamp_min(1e-30), 0)

@@ -10,7 +10,7 @@ from texsss.transport.march.interior import Interior
 from texsss.transport.march.kernel import framed, look_up, meet, place
 from texsss.transport.march.samples import layer_of, sample
 from texsss.transport.march.segments import along, gather, passage, pieces, tail
-from texsss.transport.march.setup import Reach, knots, reach
+from texsss.transport.march.setup import Reach, bounded, knots, reach
 from texsss.types import Float, Tensor, chunks
 
 BLOCK = 1 << 15  # points a thread takes at a time: fewer, and calls cost more than what they compute
@@ -23,6 +23,7 @@ class Gatherer:
     """Marches rays through one interior; `compiled`: by the compiled loop, where there can be one."""
 
     def __init__(self, interior: Interior, method: Method, samples: int, phase: Phase, compiled: bool):
+        interior = bounded(interior)
         self.interior, self.method, self.samples, self.phase = interior, method, samples, phase
         self.far: Reach = reach(interior, across=method == "exact")
         self.size: tuple[int, int] = (interior.depth.shape[0], interior.depth.shape[1])
@@ -41,7 +42,7 @@ class Gatherer:
 
     def __call__(
         self,
-        ray: Float[Tensor, "10 P"],
+        ray: Float[Tensor, "11 P"],
         lights: Float[Tensor, "N 11 P"],
         jitter: Float[Tensor, " P"] | None = None,
     ) -> Float[Tensor, "P 3"]:
@@ -142,7 +143,7 @@ class Gatherer:
                 known[1][:, c],
                 ray[6],
                 end,
-                share[min(c, len(share) - 1)],
+                share[min(c, len(share) - 1)] * ray[10],
                 passed[c],
                 total[c],
             )

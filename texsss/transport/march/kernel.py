@@ -52,7 +52,7 @@ def place(ray, planes, size, t):
     The plane turns from the tangent plane at P into the fitted plane as M moves from the start to the
     end of the ray.
     """
-    x, y, dx, dy, length, view_n, view_s, offset, n_s, _ = ray.unbind(0)
+    x, y, dx, dy, length, view_n, view_s, offset, n_s = ray[:9].unbind(0)
     fraction = t / length
     rest = 1 - fraction
     # N_M = rest N_P + fraction NS, not of unit length

@@ -109,6 +109,7 @@ class March:
         points: Points,
         view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
         *,
+        thickness: Float[Tensor, " P"] | None = None,
         compiled: bool = False,
         seed: int = 0,
         progress: Progress | None = None,
@@ -119,7 +120,8 @@ class March:
         `points`: texels or camera hits, alike. `view`: unit directions from the points to the eye (P, 3), or
         the position of one eye (3,) [mm]; what faces away from it gets 0. `compiled`: by a loop in C++,
         where there is a compiler, in float32 and without gradients; the first call on a machine builds it,
-        which takes seconds.
+        which takes seconds. `thickness` (P,) [mm]: of the object along the normal; nothing scatters
+        beyond it, however deep the last layer is.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
         Raises ShapeError, DomainError: when the view does not fit. Raises Cancelled.
@@ -143,8 +145,9 @@ class March:
             facing = (dot(towards.detach(), here.face_normal(mesh).detach()) > 0).nonzero()[:, 0]
             if len(facing):
                 jitter = None if jitter is None else jitter[facing]
+                thick = None if thickness is None else thickness[row][facing].to(home)
                 left = self._gathered(
-                    surface, gather, here[facing], towards[facing], jitter, seed, generator, cancel
+                    surface, gather, here[facing], towards[facing], thick, jitter, seed, generator, cancel
                 )
                 result = result.index_put((facing,), left)
             ended.append(row)
@@ -175,6 +178,7 @@ class March:
         gather: Gatherer,
         here: Points,
         towards: Float[Tensor, "P 3"],
+        thickness: Float[Tensor, " P"] | None,
         jitter: Float[Tensor, "P 3"] | None,
         seed: int,
         generator: torch.Generator,
@@ -183,7 +187,7 @@ class March:
         """Radiance of all lights that leaves towards the eye."""
         eta, sites, occluder = gather.interior.eta, surface.at(here), self.occluder
         moved = None if jitter is None else jitter[:, :2]
-        rays = view_rays(sites, towards, eta, gather.far, gather.size, moved)
+        rays = view_rays(sites, towards, eta, gather.far, gather.size, moved, thickness)
         origin = None if occluder is None else smooth_origin(here, self.mesh)
         shift = None if jitter is None else jitter[:, 2]
         total = torch.zeros_like(sites.position)

@@ -5,7 +5,7 @@ positions become texels of the maps, directions their products with the two norm
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -19,7 +19,10 @@ from texsss.transport.march.planes import EPSILON, Planes
 from texsss.types import Bool, Float, Tensor, unit
 
 LEAST_VIEW_COS = 1e-3  # of the view ray to the fitted plane: grazing rays end somewhere
+PAINTED = 1.5  # times as far as the mean extinction of a painted last layer asks for
+BELOW = 3.0  # deepest boundaries: how far into an infinite layer
 BEYOND = 1e-4  # of the deepest boundary: how much further rays go that cross it
+THINNEST_MM = 1e-6
 OPAQUE = 16.0  # optical depth beyond which float32 sees nothing
 KNOT_RANGE = (0.05, 9.0)  # how strongly knots may crowd towards the surface
 
@@ -28,7 +31,7 @@ KNOT_RANGE = (0.05, 9.0)  # how strongly knots may crowd towards the surface
 class Reach:
     """How far the march goes into an interior: `depth_mm` deep, never beyond `longest_mm` along a ray.
 
-    `rate` [1/mm] is the extinction that spaces the knots of exact steps.
+    `rate` [1/mm] is the mean extinction down there, which spaces the knots of exact steps.
     """
 
     depth_mm: float
@@ -42,17 +45,45 @@ def reach(interior: Interior, across: bool = False) -> Reach:
     `across`: rays cross the deepest boundary, by more than rounding, so that gradients see that they do.
     """
     extinction = interior.sigma_t.detach().reshape(-1, interior.layers, interior.sigma_t.shape[-1])
+    # painted extinctions count by their mean: one clear texel must not space the steps of all
+    typical, least = extinction.mean(0).amin(-1), extinction.amin((0, 2))
     boundary = interior.depth.detach()
-    depth = float(boundary.amax()) if boundary.numel() else 0.0
-    last = float(extinction[:, -1].amin())
-    if interior.bottomless and last > 0:
-        depth += -math.log(EPSILON) / last
-    present = extinction[extinction > 0]
-    rate = float(present.amin()) if present.numel() else 0.0
-    least = float(extinction.amin())
-    longest = OPAQUE / least if least > 0 else math.inf
+    known = thicknesses(boundary).mean((0, 1))
+    deepest = float(boundary.amax()) if boundary.numel() else 0.0
+    below = 0.0
+    if interior.bottomless and float(typical[-1]) > 0:
+        fades = -math.log(EPSILON)
+        below = fades * PAINTED / float(typical[-1])
+        if float(least[-1]) > 0:
+            below = min(below, fades / float(least[-1]))
+        if deepest > 0:
+            # beneath all that varies the tail is exact
+            below = min(below, BELOW * deepest)
+    depth = deepest + below
+    within = torch.cat([known, known.new_tensor([depth - float(known.sum())])])[: interior.layers]
+    rate = float((typical * within).sum() / within.sum().clamp_min(1e-9))
+    longest = OPAQUE / float(least.amin()) if float(least.amin()) > 0 else math.inf
     # a surface without anything beneath still needs a step that is not zero
     return Reach(max(depth * (1 + BEYOND if across else 1), 1e-9), longest, rate)
+
+
+def thicknesses(depth: Float[Tensor, "H W B"]) -> Float[Tensor, "H W B"]:
+    """Thickness of the layer above each boundary [mm]."""
+    return torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1]))
+
+
+def bounded(interior: Interior) -> Interior:
+    """The interior with every layer only as thick as to be opaque in all channels.
+
+    Nothing comes out of what lies deeper, but one deep place would space the steps everywhere.
+    """
+    if interior.depth.shape[-1] == 0:
+        return interior
+    extinction = interior.sigma_t.detach().movedim(-2, 0).flatten(1)[: interior.depth.shape[-1]]
+    most, thickness = OPAQUE / extinction.amin(1).clamp_min(1e-30), thicknesses(interior.depth)
+    if not bool((thickness.detach() > most).any()):
+        return interior
+    return replace(interior, depth=torch.minimum(thickness, most).cumsum(-1))
 
 
 class Surface:
@@ -128,14 +159,15 @@ class Rays:
     """View rays of P points inside the material.
 
     `direction` (P, 3): ω_o, towards the surface. `leaves` (P,): radiance outside per radiance at the
-    surface inside; 0 where the eye is behind the surface. `scalars` (10, P): texel x, y of the point;
+    surface inside; 0 where the eye is behind the surface. `scalars` (11, P): texel x, y of the point;
     texels per mm down the ray, x and y; length; ω_o·N_P; ω_o·NS; plane offset; N_P·NS; 1 / fraction
-    of the ray at which entry visibility is that of its second sample.
+    of the ray at which entry visibility is that of its second sample; 1 where an infinite last layer goes
+    on beyond the ray, 0 where the object ends.
     """
 
     direction: Float[Tensor, "P 3"]
     leaves: Float[Tensor, " P"]
-    scalars: Float[Tensor, "10 P"]
+    scalars: Float[Tensor, "11 P"]
 
 
 def view_rays(
@@ -145,8 +177,12 @@ def view_rays(
     far: Reach,
     size: tuple[int, int],
     shift: Float[Tensor, "P 2"] | None,
+    thickness: Float[Tensor, " P"] | None = None,
 ) -> Rays:
-    """Rays from the points down into the material; `shift` moves their texture coordinates [uv]."""
+    """Rays from the points down into the material; `shift` moves their texture coordinates [uv].
+
+    They end where the object does, if it is no thicker than `thickness` [mm].
+    """
     height, width = size
     facing = dot(towards_eye, sites.normal)
     seen = dot(towards_eye, sites.face_normal) > 0
@@ -154,6 +190,10 @@ def view_rays(
     leaves = fresnel.transmittance(facing.clamp_min(0), eta) / eta**2
     plane_cos = dot(inner, sites.plane_normal).clamp_min(LEAST_VIEW_COS)
     length = (far.depth_mm / plane_cos).clamp_max(far.longest_mm)
+    goes_on = torch.ones_like(length)
+    if thickness is not None:
+        ends = thickness.clamp_min(THINNEST_MM) / plane_cos
+        goes_on, length = (ends >= length).to(length), torch.minimum(length, ends)
     along_u, along_v = sites.uv_of(inner)
     uv = sites.uv if shift is None else sites.uv + shift
     nearer = (far.rate * length).clamp_min(1.0)
@@ -168,6 +208,7 @@ def view_rays(
         sites.offset,
         dot(sites.normal, sites.plane_normal),
         nearer,
+        goes_on,
     ]
     return Rays(inner, torch.where(seen, leaves, torch.zeros_like(leaves)), torch.stack(scalars))
 
