@@ -21,15 +21,6 @@ static inline V floored(V a) {
   return cut > a ? cut - 1 : cut;
 #endif
 }
-static inline I gathered(const int32_t* from, I at) {
-#if defined(__AVX512F__)
-  return (I)_mm512_i32gather_epi32((__m512i)at, from, 4);
-#else
-  I r = {};
-  for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
-  return r;
-#endif
-}
 
 // ln x for normal x > 0: the exponent, and a series in (m - 1) / (m + 1) of the mantissa
 static inline V logarithm(V x) {
