@@ -70,6 +70,8 @@ async def json_body(request: Request, settings: Settings) -> Any:
             f"Expected Content-Type: {JSON_TYPES[0]}.",
             headers={"accept-post": ", ".join(JSON_TYPES)},
         )
+    if request.headers.get("content-encoding", "identity").strip().lower() != "identity":
+        raise Problem("unsupported-media-type", "Expected a body without Content-Encoding; send it as it is.")
     limit = int(settings.body_mb * MB)
     parts = chunks(request, limit=limit, timeout_s=settings.body_timeout_s, slug="body-too-large")
     data = b"".join([part async for part in parts])

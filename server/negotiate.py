@@ -40,7 +40,7 @@ def _range(part: str) -> tuple[str, float]:
         key, _, value = parameter.partition("=")
         if key.strip() == "q":
             try:
-                quality = min(max(float(value), 0.0), 1.0)
+                quality = min(max(0.0, float(value)), 1.0)  # the first counts beside NaN
             except ValueError:
                 quality = 0.0
     return name, quality

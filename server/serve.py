@@ -3,6 +3,7 @@
 import asyncio
 import ctypes
 import logging
+import resource
 import signal
 import socket
 import time
@@ -71,6 +72,12 @@ def share_heaps() -> None:
         log.info("this system's allocator is left as it is")
 
 
+def open_files() -> None:
+    """As many open files as the system lets us have: idle connections hold one each."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
 def listening(host: str, port: int) -> socket.socket:
     """A socket that is bound before anything is loaded. Raises DomainError: when it cannot be."""
     bound = None
@@ -93,6 +100,7 @@ def serve(settings: Settings) -> None:
     """Runs until it is told to stop. Raises DomainError, AssetError: when the settings cannot serve."""
     configure(settings.log_format)
     share_heaps()
+    open_files()
     bound = listening(settings.host, settings.port)
     app = create_app(settings)
     config = uvicorn.Config(

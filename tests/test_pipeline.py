@@ -133,6 +133,23 @@ def test_maps_that_cannot_be_read_are_told_before_anything_is_waited_for(small):
     assert set(heard) <= {"mesh", "maps"}
 
 
+def test_maps_that_are_read_otherwise_than_meant_are_told(small, tmp_path):
+    """A coloured roughness map is averaged; a square panorama is stretched."""
+    colours = torch.rand(8, 8, 3, generator=torch.Generator().manual_seed(0))
+    write_png(tmp_path / "orm.png", colours)
+    maps = {name: {"source": str(tmp_path / "orm.png")} for name in ("rough", "sky")}
+    scene = {
+        **small,
+        "maps": maps,
+        "material": {"layers": [{"medium": "skin1"}], "surface": {"roughness": "rough"}},
+        "lights": [{"type": "environment", "map": "sky", "samples": 2}],
+    }
+    notes = " ".join(bake(Scene.parse(scene)).report["notes"])
+    assert "roughness map rough is coloured" in notes and "Panorama sky is 8 × 8" in notes
+    scene["maps"]["rough"]["channel"] = "g"
+    assert "coloured" not in " ".join(bake(Scene.parse(scene)).report["notes"])
+
+
 def test_nothing_lit_is_told(small):
     away = {
         "type": "rectangle",

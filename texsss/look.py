@@ -27,6 +27,19 @@ from texsss.view.shade import Gloss, Sight, sight
 WORTH_COMPILING = 10_000  # points; fewer are done before a loop is built
 
 
+def averaged(surface: SurfaceSpec, images: Images) -> list[str]:
+    """What to say of coloured maps whose mean counts."""
+    named = {"roughness": surface.roughness, "specular": surface.specular}
+    return [
+        f"The {field} map {name} is coloured and the mean of its channels counts; name the one that holds "
+        f'it: "channel" of maps.{name}.'
+        for field, name in named.items()
+        if isinstance(name, str)
+        and images[name].shape[-1] > 1
+        and not bool((images[name] == images[name][..., :1]).all())
+    ]
+
+
 def seer(
     surface: SurfaceSpec,
     images: Images,

@@ -1,6 +1,7 @@
 """Lights, camera and backdrop of a scene, placed in its world [mm]."""
 
 import math
+from pathlib import Path
 
 import torch
 
@@ -28,7 +29,18 @@ BACKDROP = ((0.020, 0.024, 0.030), (0.075, 0.082, 0.092))
 
 def lights(scene: Scene, mesh: Mesh, images: Images) -> list[Light]:
     """The emitters of a scene; a studio is placed around the mesh. `images`: its panoramas by name."""
-    return [light for spec in scene.lights for light in _placed(spec, mesh, images)]
+    return [light for spec in scene.lights for light in _placed(scene, spec, mesh, images)]
+
+
+def stretched(panoramas: Images) -> list[str]:
+    """What to say of panoramas that are not twice as wide as high."""
+    sizes = {name: (image.shape[1], image.shape[0]) for name, image in panoramas.items()}
+    return [
+        f"Panorama {name} is {width} × {height} and was stretched around everything: an equirectangular "
+        "one is twice as wide as high; convert cube maps and light probes first."
+        for name, (width, height) in sizes.items()
+        if abs(width / height - 2) > 0.05
+    ]
 
 
 def environment_samples(scene: Scene) -> int:
@@ -43,7 +55,7 @@ def area_samples(scene: Scene) -> int:
     )
 
 
-def _placed(spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
+def _placed(scene: Scene, spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
     match spec:
         case PointSpec():
             return [PointLight(spec.position_mm, spec.intensity_w_per_sr)]
@@ -61,7 +73,10 @@ def _placed(spec: LightSpec, mesh: Mesh, images: Images) -> list[Light]:
         case EnvironmentSpec():
             image = images[spec.map or ""]
             tinted = image.expand(-1, -1, 3) * image.new_tensor(spec.radiance)
-            return [ImageEnvironment(tinted, math.radians(spec.rotation_deg), name=f"Panorama {spec.map}")]
+            source = scene.maps[spec.map or ""].source
+            file = source.path or source.builtin
+            name = f"Panorama {spec.map}" + (f" ({Path(file).name})" if file else "")
+            return [ImageEnvironment(tinted, math.radians(spec.rotation_deg), name=name)]
         case StudioSpec():
             return studio(mesh, spec.intensity)
 

@@ -214,7 +214,8 @@ def test_radiance_pictures():
     old = rgbe([a + bytes([1, 1, 1, 8]), b + bytes([1, 1, 1, 8])])
     new = rgbe([b"\2\2\0\x09" + b"".join(bytes([128 + 5, c, 4, c, c, c, c]) for c in p) for p in (a, b)])
     expected = torch.tensor([[128.5, 64.5, 32.5], [5.25, 10.25, 15.25]])[:, None].expand(2, 9, 3) / 128 / 2
-    for data in (flat, old, new):
+    windows = flat.replace(b"\n", b"\r\n", 4).replace(b"FORMAT=", b"FORMAT= ")
+    for data in (flat, old, new, windows):
         torch.testing.assert_close(read_image(data), expected)
     turned = read_image(rgbe([a * 9, b * 9], b"+Y 2 +X 9"))
     torch.testing.assert_close(turned, expected.flip(0))

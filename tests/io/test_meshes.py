@@ -73,6 +73,20 @@ def stl() -> bytes:
     return b"\0" * 80 + struct.pack("<I", 2) + rows
 
 
+def test_files_that_are_written_otherwise_than_usual():
+    """Binary STL that says solid, with more behind its triangles; text STL in capitals; late vertices."""
+    binary = b"solid x".ljust(80, b" ") + stl()[80:] + b"made by a scanner"
+    text = "solid a\n" + "".join(
+        "facet normal 0 0 1\nouter loop\n" + "".join(f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in rows)
+        for rows in (CORNERS[[0, 1, 2]].tolist(), CORNERS[[0, 2, 3]].tolist())
+    )
+    late = b"# " + b"x" * (1 << 21) + b"\n" + SQUARE.encode()
+    for data, name in ((binary, "a.stl"), (text.upper().encode(), "b.stl"), (late, "c.obj")):
+        mesh, _ = read_mesh(data, name=name, unit_mm=1)
+        torch.testing.assert_close(mesh.vertices[mesh.faces.long()].amax((0, 1)), CORNERS.amax(0))
+        assert len(mesh.faces) == 2
+
+
 @pytest.mark.parametrize(
     "data",
     [SQUARE.encode(), ply(), stl(), glb(CORNERS, [0, 1, 2, 0, 2, 3], V_DOWN)],
@@ -238,3 +252,12 @@ def test_missing_files_and_bad_options_are_named(tmp_path):
         read_mesh(tmp_path)
     with pytest.raises(AssetError, match="unit above 0"):
         read_mesh(SQUARE.encode(), unit_mm=0.0)
+
+
+def test_what_is_left_out_of_a_scene_is_told_and_what_it_requires_refused():
+    """glTF 2.0, section 3.12: a reader must not load what requires an extension that it doesn't know."""
+    with pytest.raises(AssetError, match="VENDOR_other, which is not read; export without it"):
+        read_mesh(glb(CORNERS, [0, 1, 2], extensionsRequired=["VENDOR_other"]), name="a.glb")
+    used = ["KHR_texture_transform"]
+    _, notes = read_mesh(glb(CORNERS, [0, 1, 2], extensionsUsed=used, extensionsRequired=used), name="a.glb")
+    assert any("KHR_texture_transform" in note for note in notes.messages)

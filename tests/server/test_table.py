@@ -41,6 +41,10 @@ def test_malformed_body(client, body):
     problem(post(client, body), 400, "malformed-body")
 
 
+def test_bodies_are_not_unpacked(client):
+    problem(post(client, b"{}", JSON | {"content-encoding": "gzip"}), 415, "unsupported-media-type")
+
+
 @pytest.mark.parametrize("start, item", [('{"lights": [', "0,"), ('{"material": {"layers": [', "0,")])
 def test_a_body_of_many_faults_holds_nobody_up(client, start, item):
     """A megabyte of them once took seconds of the loop that answers everyone."""

@@ -15,6 +15,10 @@ from texsss.io._raw import Fault, RawMesh, check_counts, check_indices
 
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+HARMLESS = (  # extensions that leave triangles where they are
+    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual", "KHR_mesh_quantization"),
+    *("KHR_xmp", "KHR_animation_pointer"),
+)
 COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 MAX_NODES = 100_000
 EARLY_BLENDER = "Khronos Blender glTF 2.0 exporter"  # its successor calls itself "… Blender I/O"
@@ -68,6 +72,10 @@ def read_gltf(document: bytes, binary: bytes | None = None) -> RawMesh:
                     f"it is compressed with {COMPRESSED[name]}, which is not read",
                     "export it without compression",
                 )
+            if not str(name).startswith(HARMLESS):
+                raise Fault(
+                    f"it requires the extension {str(name)[:60]}, which is not read", "export without it"
+                )
         return _Reader(doc, binary).read()
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError):
         raise Fault("a part that it refers to is missing or malformed", DAMAGED) from None
@@ -101,6 +109,13 @@ class _Reader:
             raise Fault("expected triangles, found none in its scene", "give a mesh with a surface")
         if self.doc.get("skins") or self.doc.get("animations"):
             self.notes.append("skins and animations were left out: the mesh is in its rest pose")
+        if any(part.get("targets") for mesh in self.doc["meshes"] for part in mesh["primitives"]):
+            self.notes.append("morph targets were left out: the mesh has its base shape")
+        if "KHR_texture_transform" in (self.doc.get("extensionsUsed") or []):
+            self.notes.append(
+                "its materials move their maps (KHR_texture_transform), which is not read: bake that into "
+                "the texture coordinates"
+            )
         texture = self._joined(uv, faces)
         if texture is not None and not self.doc.get("images"):
             return self._without_maps(np.concatenate(vertices), np.concatenate(faces), texture)

@@ -8,13 +8,16 @@ import numpy as np
 from texsss.io._raw import Fault, RawMesh, check_counts
 
 CUT = "it is cut short or damaged, copy it again"
+VERTEX = re.compile(rb"vertex" + rb"\s+([-+.\w]+)" * 3, re.IGNORECASE)
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def read_stl(data: bytes) -> RawMesh:
     """The triangles of a binary or text STL; it has no texture coordinates. Raises Fault: when cut short."""
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
-    if len(data) >= 84 and (84 + 50 * count == len(data) or data.lstrip()[:5].lower() != b"solid"):
+    # programs write "solid" into the header of binary files too, and more behind the last triangle
+    fits = 84 + 50 * count == len(data) or (84 + 50 * count < len(data) and VERTEX.search(data) is None)
+    if len(data) >= 84 and (fits or data.lstrip()[:5].lower() != b"solid"):
         if 84 + 50 * count > len(data):
             raise Fault(
                 f"the header claims {count:,} triangles, the file holds {(len(data) - 84) // 50:,}", CUT
@@ -22,8 +25,7 @@ def read_stl(data: bytes) -> RawMesh:
         check_counts(3 * count, count)
         corners = np.frombuffer(data, STL_TRIANGLE, count, 84)["corners"].reshape(-1, 3)
     else:
-        number = rb"\s+([-+.\w]+)"
-        rows = re.findall(rb"vertex" + number * 3, data)
+        rows = VERTEX.findall(data)
         try:
             corners = np.array([[float(word) for word in row] for row in rows]).reshape(-1, 3)
         except ValueError:

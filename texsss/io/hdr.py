@@ -11,6 +11,7 @@ from texsss.types import Float, Tensor
 
 MAGIC = b"#?"
 BLOCK = 1 << 18  # pixels that are scaled at once
+_HEADER = re.compile(rb"(.*?)\r?\n\r?\n([^\n]{1,100})\n", re.DOTALL)
 _SIZE = re.compile(rb"([-+])Y (\d{1,9}) ([-+])X (\d{1,9})$")
 
 
@@ -29,7 +30,8 @@ def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[
         )
     down, height, right, width = size[1] == b"-", int(size[2]), size[3] == b"+", int(size[4])
     check_pixels(width, height, name, max_pixels)
-    if any(line.startswith(b"FORMAT=") and line != b"FORMAT=32-bit_rle_rgbe" for line in header):
+    formats = [line.partition(b"=")[2].strip() for line in header if line.startswith(b"FORMAT=")]
+    if any(found != b"32-bit_rle_rgbe" for found in formats):
         raise AssetError(f"{name}: expected RGBE colours, got another FORMAT; export it again.")
     exposure = _exposure(header, name)
     try:
@@ -73,13 +75,12 @@ def _scaled(rgbe: np.ndarray, exposure: float, out: np.ndarray) -> None:
 
 def _header(data: bytes, name: str) -> tuple[list[bytes], int]:
     """Lines up to the size, and where pixels start."""
-    end = data.find(b"\n\n", 0, 1 << 16)
-    last = data.find(b"\n", end + 2, end + 100) if end >= 0 else -1
-    if last < 0:
+    found = _HEADER.match(data[: 1 << 16])
+    if found is None:
         raise AssetError(
             f"{name}: expected a Radiance picture, got no size in its header; download it again."
         )
-    return [*data[:end].split(b"\n"), data[end + 2 : last]], last + 1
+    return [*(line.strip() for line in found[1].split(b"\n")), found[2].strip()], found.end()
 
 
 def _pixels(data: bytes, at: int, height: int, width: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """What a file is, told from its first bytes before its name."""
 
+import re
 from typing import Literal
 
 from texsss.io._raw import Fault
@@ -28,6 +29,9 @@ FOREIGN = {
 }
 
 
+VERTEX = re.compile(rb"(?:^|[\r\n])[ \t]*v[ \t]")
+
+
 def mesh_format(data: bytes, hint: str = "") -> MeshFormat:
     """Which of the formats the bytes of a mesh file are in.
 
@@ -51,9 +55,9 @@ def mesh_format(data: bytes, hint: str = "") -> MeshFormat:
         raise Fault(f"expected {SUPPORTED}, found a web page or XML", "export the mesh in one of these")
     if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
         return "stl"
-    if head[:5].lower() == b"solid" and b"facet" in data[:100_000]:
+    if head[:5].lower() == b"solid" and b"facet" in data[:100_000].lower():
         return "stl"
-    if _looks_like_obj(data):
+    if _looks_like_obj(data[: 1 << 20]) or (hint == "obj" and _looks_like_obj(data)):
         return "obj"
     if hint == "stl" and len(data) >= 84:
         return "stl"
@@ -61,6 +65,5 @@ def mesh_format(data: bytes, hint: str = "") -> MeshFormat:
 
 
 def _looks_like_obj(data: bytes) -> bool:
-    """Whether some line near the beginning is a vertex."""
-    lines = data[: 1 << 20].replace(b"\t", b" ").splitlines()
-    return any(line.lstrip().startswith(b"v ") for line in lines)
+    """Whether some line is a vertex."""
+    return VERTEX.search(data) is not None

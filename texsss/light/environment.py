@@ -52,8 +52,12 @@ class ImageEnvironment:
 
     def __post_init__(self):
         seen = self.image.detach()
-        if not (bool(torch.isfinite(seen).all()) and bool((seen >= 0).all())):
-            raise DomainError(f"{self.name}: expected finite radiance of at least 0; repair the image.")
+        wrong = int((~(torch.isfinite(seen) & (seen >= 0))).any(-1).sum())
+        if wrong:
+            raise DomainError(
+                f"{self.name}: expected finite radiance of at least 0, got {wrong:,} texels without; repair "
+                "the image."
+            )
         if not (0 <= self.intensity < math.inf and math.isfinite(self.rotation)):
             raise DomainError(
                 f"{self.name}: expected a finite rotation and an intensity of at least 0, got "
