@@ -217,10 +217,10 @@ class Run(Beneath):
     @property
     def sights(self) -> Kept:
         """What the centres of the picture's pixels show but for scattered light."""
-        camera, occluder, see = self.camera, self.occluder.value, self.see
+        camera, occluder = self.camera, self.occluder.value
 
         def make():
-            return list(at_centres(camera.value, occluder, see, self.cancel))
+            return list(at_centres(camera.value, occluder, self.see, self.cancel))
 
         surface, eta = self.upper_surface, self.stack.value.eta
         return self.stage(
@@ -246,13 +246,13 @@ class Run(Beneath):
         def make():
             tint = None if surface.albedo is None else maps[surface.albedo].value
             single = once if once is None or tint is None else tinted(once, tint, mesh)
-            show, see = shower(scattered(), atlas.uv, single), self.see
+            show = shower(scattered(), atlas.uv, single)
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(
                 self.camera.value,
                 occluder,
-                lambda hits: show(see(hits)),
+                lambda hits: show(self.see(hits)),  # packed when first looked
                 samples=scene.camera.samples,
                 background=placing.background(scene),
                 seed=scene.seed,

@@ -12,19 +12,25 @@ ASK_S = 0.02  # between questions whether to stop
 
 
 def in_threads(
-    work: Callable[[Any], Any], items: Sequence[Any], cancel: Cancel | None = None, *, graded: bool = False
+    work: Callable[[Any], Any],
+    items: Sequence[Any],
+    cancel: Cancel | None = None,
+    *,
+    graded: bool = False,
+    alone: bool = False,
 ) -> list[Any]:
     """`work(item)` of every item, in order, on as many threads as torch uses.
 
     torch lets go of the interpreter while it computes, so that threads overlap; each of them keeps to
     itself, which spares operations on small tensors from waiting for each other. Without gradients,
-    unless they are asked for (`graded`): then in this thread alone. The first exception ends it.
-    `cancel` is asked in this thread, between items or all the while. Raises Cancelled.
+    unless they are asked for (`graded`): then in this thread alone, as what is done sooner than threads
+    start (`alone`) and what is but one piece. The first exception ends it. `cancel` is asked in this thread,
+    between items or all the while. Raises Cancelled.
     """
     if graded and torch.is_grad_enabled():
         return [_asked(work, item, cancel) for item in items]
     threads = torch.get_num_threads()
-    if threads < 2:
+    if alone or threads < 2 or len(items) < 2:
         with torch.no_grad():
             return [_asked(work, item, cancel) for item in items]
 

@@ -162,9 +162,9 @@ def _refine(
             slots = (high - low > CONTRAST).nonzero()[:, 0]
         strata = range(first, min(first + side, len(cells)))
         parts = [(sample, slots[part]) for sample in strata for part in chunks(len(slots), CHUNK)]
-        for (_, slot), (radiance, covered) in zip(
-            parts, in_threads(lambda part: look(*part), parts, cancel), strict=True
-        ):
+        few_rays = len(slots) * len(strata) <= CHUNK
+        seen = in_threads(lambda part: look(*part), parts, cancel, alone=few_rays)
+        for (_, slot), (radiance, covered) in zip(parts, seen, strict=True):
             weight = 1 / (1 + radiance.mean(-1) / film.key)
             weighted[slot] += radiance * weight[:, None]
             weights[slot] += weight
