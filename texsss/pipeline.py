@@ -234,7 +234,7 @@ class Run(Beneath):
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
         methods, eta, maps = scene.methods, self.stack.value.eta, self.surface_maps
         once = self.single
-        scattering = "total" if once is None else "multiple"
+        scattering = "total" if once is None else "unmarched"
         at_hits = methods.diffusion == "octree" and methods.octree.receivers == "hits"
         image = (self.emission if at_hits else self.diffused)(scattering)
 

@@ -55,6 +55,7 @@ def test_the_loop_is_float64_to_1e_4(etas, bottomless):
         (isotropic, "reflectance", "layered-sp3", "total", "diffuse"),
         (forward, own, "layered-sp3", "total", 1.0),
         (forward, "reflectance", "layered-sp3", "multiple", "normal"),
+        (forward, "reflectance", "layered-sp3", "unmarched", "diffuse"),
         (forward, own, "layered-sp3", "single", "normal"),
     ):
         asked = {"side": side, "model": model, "scattering": scattering, "incidence": incidence}

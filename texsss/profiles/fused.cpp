@@ -10,15 +10,15 @@ constexpr float DETOUR = 2, FEW = 1e-6f;
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
 struct Header {
-  int32_t sp3, layers, channels, endless, below, once, twice, deflected, exits, sets, terms, frequencies;
+  int32_t sp3, layers, channels, endless, below, once, twice, deflected, marched, exits, sets, terms, frequencies;
 };
 
 struct Asked {
   Header h;
   std::vector<double> etas;
-  Direction directions[BEAMS];
+  Direction directions[BEAMS], level[BEAMS];
   const double* ends;
-  std::vector<Exit> exits[2];  // as seen from above, and from below
+  std::vector<Exit> exits[2], straight;  // as seen from above, and from below
   const Parameters* sets[2];
 
   Asked(const Header& header, const double* numbers) : h(header) {
@@ -34,6 +34,10 @@ struct Asked {
       direction.share = float(from[1]), direction.top = float(from[2]), direction.bottom = float(from[3]);
       for (double eta : etas) direction.cosines.push_back(float(refracted(from[0], etas[0], eta)));
     }
+    // for the march all is of one index, and nothing mirrors
+    const std::vector<double> outer(h.layers, etas[0]);
+    for (int j = 0; j < BEAMS; j++)
+      level[j] = {directions[j].share, 0, 0, std::vector<float>(h.layers, directions[j].cosines[0])};
     ends = next(2);
     for (int side = 0; side < 2; side++) {
       std::vector<double> seen = etas;
@@ -41,6 +45,7 @@ struct Asked {
       for (int i = 0; i < h.exits; i++) {
         const double* from = next(4);
         exits[side].push_back(exit_at(from[0], from[1], from[2], from[3], seen));
+        if (h.marched && side == 0) straight.push_back(exit_at(from[0], from[1], 0, 0, outer));
       }
       sets[side] = (const Parameters*)next(31 * h.sets);
     }
@@ -52,11 +57,11 @@ struct Solver {
   const Header& h;
   const bool endless;
   Diffusion diffusion;
-  Once reduced, truly;
+  Once reduced, truly, marched;
   White white;
   std::vector<Sweep> sweeps, others;
   Layers layers, below, pale, unreduced;  // from the surface inwards, from below; without absorption; in truth
-  Lights lights, beneath, shining, unreduced_lights;
+  Lights lights, beneath, shining, unreduced_lights, level;
   V factor;
 
   explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets) {}
@@ -73,6 +78,11 @@ struct Solver {
     }
     if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
     if (h.deflected) prepare_truly();
+    if (h.marched) {
+      const Layers& seen = h.deflected ? unreduced : layers;
+      light_in(seen, endless, asked.level, level);
+      marched.prepare(seen, level, endless, asked.straight, h.deflected, false);
+    }
     if (!h.twice) return;
     for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
     factor = furnace();
@@ -145,6 +155,7 @@ struct Solver {
     V total = {};
     if (h.once) total = h.deflected ? truly.at(s) : reduced.at(s);
     if (h.twice) total += factor * swept(sweeps, s);
+    if (h.marched) total -= marched.at(s);
     return total;
   }
 };

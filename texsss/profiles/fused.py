@@ -62,7 +62,7 @@ class Fused:
                 numbers += [weight, *(x for m in modes for pair in m for x in pair)]
         header = [two, len(etas), table.channels, table.bottomless, below, scattering != "multiple"]
         header += [scattering != "single", two and unreduced(table, side, scattering)]
-        header += [len(leaving), len(sets), *matrix.shape]
+        header += [scattering == "unmarched" and not below, len(leaving), len(sets), *matrix.shape]
         self._header = (ctypes.c_int32 * len(header))(*map(int, header))
         self._numbers = (ctypes.c_double * len(numbers))(*numbers)
         fields = table.fields  # as they lie in memory, expanded channels among them

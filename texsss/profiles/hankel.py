@@ -16,7 +16,7 @@ from texsss.profiles.slab import Directions
 from texsss.types import Float, Tensor
 
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
-SCATTERINGS = ("total", "single", "multiple")
+SCATTERINGS = ("total", "single", "multiple", "unmarched")
 SIDES = ("reflectance", "transmittance")
 Material = Stack | Layer | Medium | LayerTable
 
@@ -35,7 +35,8 @@ def hankel_profiles(
     `s` [1/mm] decides dtype and device. `material`: a stack, layer, medium, or the rows of a table.
     `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total, single or multiple; the
     single part of R has the true coefficients and `phase` (isotropic, henyey-greenstein, schlick), all
-    the rest reduced ones, so that T counts light that is hardly deflected as part of the beam. dipole,
+    the rest reduced ones, so that T counts light that is hardly deflected as part of the beam. `unmarched` is
+    the total less what `march` adds to R, which no bottom mirrors and no index within refracts. dipole,
     better-dipole: the first layer as a half-space; those and multipole put the source at one depth,
     whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine. Differentiable
     in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
@@ -99,7 +100,8 @@ def _better_dipole(
     first = replace(first, eta=table.eta[:1], bottomless=True)
     once = layered_sp3.profile(first, s, directions, side="reflectance", scattering="single", phase=phase)
     more = better_dipole(table, s)
-    R = {"single": once, "multiple": more, "total": once + more}[scattering]
+    # a half-space of one index: the march sees all that scatters once
+    R = {"single": once, "multiple": more, "unmarched": more, "total": once + more}[scattering]
     return R if side == "reflectance" else torch.zeros_like(R)
 
 

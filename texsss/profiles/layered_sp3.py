@@ -32,6 +32,7 @@ class Prepared(NamedTuple):
     once: tuple[Node, ...]  # none if only multiple scattering was asked for
     sweeps: tuple[Sweep, ...]  # none if only single scattering was
     share: tuple[Tensor, ...]  # of every sweep, (1, N)
+    marched: tuple[Node, ...]  # what is left to the march; none unless asked for
 
 
 def profile(
@@ -45,7 +46,8 @@ def profile(
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
-    `scattering`: total, single or multiple. In reflectance single scattering follows `phase`, and the
+    `scattering`: total, single, multiple, or unmarched, the total less `_marched`.
+    In reflectance single scattering follows `phase`, and the
     multiple part, whose similarity is σs' = σs (1 - g), isotropic, takes up what the reduced and
     isotropic single scattering counts beyond it, less what is absorbed before it turns back, spread like
     itself. Transmittance keeps to the reduced
@@ -72,7 +74,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if unreduced is not None:
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
     if scattering == "single":
-        return Prepared(once, (), ())
+        return Prepared(once, (), (), ())
     sweeps, weights = _sweeps(layers, lights, side)
     factor = _furnace(layers, lights, directions)
     if unreduced is not None:
@@ -81,7 +83,11 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
         handed = _survival(layers, lights) * (scattered_once(reduced, zero) - scattered_once(once, zero))
         # backward scattering can ask for more than there is
         factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
-    return Prepared(() if scattering == "multiple" else once, sweeps, tuple(factor * w for w in weights))
+    marched = ()
+    if scattering == "unmarched" and side == "reflectance":
+        marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
+    once = () if scattering == "multiple" else once
+    return Prepared(once, sweeps, tuple(factor * w for w in weights), marched)
 
 
 @no_type_check
@@ -90,7 +96,15 @@ def spectrum(prepared, s):
     terms = [scattered_once(prepared.once, s)] if prepared.once else []
     s2 = s * s
     terms += [share * scattered_twice(sweep, s, s2) for share, sweep in zip(prepared.share, prepared.sweeps)]
-    return added(terms)
+    total = added(terms)
+    return total - scattered_once(prepared.marched, s) if prepared.marched else total
+
+
+@no_type_check
+def _marched(layers, phase, directions):
+    """Light scattered once as the march sees it: through one refractive index, and no face mirrors it."""
+    level = [layer._replace(eta=layers[0].eta) for layer in layers]
+    return single.prepare(level, light_in(level, directions, mirrored=False), phase)
 
 
 @no_type_check

@@ -81,15 +81,16 @@ struct Leg {
 
 struct Once {
   int L;
-  bool slab;
+  bool slab, endless;  // whether a bottom mirrors, and whether there is none
   const std::vector<Exit>* exits;
   std::vector<Leg> legs;  // (exits, 2, L): by the near face, and by the far one
   Layers back;
   Lights behind;
 
   // `deflected`: by Henyey and Greenstein, with true coefficients; else isotropic
-  void prepare(const Layers& layers, const Lights& lights, bool endless, const std::vector<Exit>& given, bool deflected) {
-    L = int(layers.size()), slab = !endless, exits = &given;
+  void prepare(const Layers& layers, const Lights& lights, bool no_end, const std::vector<Exit>& given, bool deflected,
+               bool mirrored = true) {
+    L = int(layers.size()), endless = no_end, slab = mirrored && !endless, exits = &given;
     legs.resize(given.size() * 2 * L);
     if (slab) turned(layers, lights, back, behind);
     Leg* out = legs.data();
@@ -106,7 +107,7 @@ struct Once {
     for (int k = 0; k < L; k++, way++) {
       const Layer& layer = layers[k];
       Leg& leg = out[k];
-      leg.drift = way->drift, leg.endless = !slab && k == L - 1;
+      leg.drift = way->drift, leg.endless = endless && k == L - 1;
       leg.d = layer.d, leg.escape = layer.sigma * way->slant;
       if (!leg.endless) aside += layer.d * leg.drift;
       leg.aside = aside, leg.over = V{};

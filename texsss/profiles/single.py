@@ -71,14 +71,14 @@ def prepare(layers, lights, phase):
     """All of the light that leaves by the first of `layers` that does not depend on the frequency.
 
     `phase` None: isotropic; else one of PHASES with the layers' g, and these have true coefficients.
-    A free bottom mirrors the beam and the light on its way out.
+    A free bottom mirrors the beam and the light on its way out, unless `lights` are not mirrored.
     Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
     """
     nodes = []
     for mu, weight, mirrored, again in exits(layers[0].eta, layers[-1].eta):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
         near, far = _legs(layers, lights, cosines, phase, weight / 2), None
-        if layers[-1].d is not None:
+        if lights[0][0].up is not None:
             # per solid angle at the far face, so that both are of one pencil of light
             share = weight / 2 * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
             far = _legs(layers[::-1], flipped(lights), cosines[::-1], phase, share)
@@ -90,7 +90,7 @@ def prepare(layers, lights, phase):
 @no_type_check
 def _legs(layers, lights, cosines, phase, weight):
     """Ways out at `cosines` by the face of the first layer, per cosine there."""
-    slab = layers[-1].d is not None
+    mirrored = lights[0][0].up is not None
     above = [light.down * weight for light in lights[0]]  # beam down times light up, to s = 0
     aside = torch.zeros_like(layers[0].sigma)
     legs = []
@@ -109,7 +109,7 @@ def _legs(layers, lights, cosines, phase, weight):
                 above[i] = above[i] * torch.exp(-(a * layer.d).clamp_max(FAR))
                 end = source * above[i]
             shafts.append(Shaft(a * a, a / drift, start, end))
-            if slab:
+            if mirrored:
                 source = light.source * (weight * spread * _deflection(phase, light.cosine, cosine, layer.g))
                 beam = beam_of(light.beam)
                 bounced.append(Bounced(light.sigma * layer.d, beam, source * layer.d * light.up))
@@ -144,7 +144,7 @@ def _leaving(legs, s, total):
     What comes from below depth Z, ∫ J0(b z) e^(-a(z - Z)) dz with b = s drift and J0 from Z on as the
     oscillation w there, is (w + a W) / √(a² + b²) - W, W = (∫_0^Z J0 - 1 + w) / b.
     """
-    slab = legs[-1].d is not None
+    slab = bool(legs[-1].bounced)
     total = None if slab else total
     wave, area, through = None, None, 1.0  # the oscillation where the layer begins, and W times the drift
     if slab:

@@ -75,18 +75,18 @@ def flipped(lights):
 
 
 @no_type_check
-def light_in(layers, directions):
+def light_in(layers, directions, mirrored=True):
     """The collimated light in every layer, by direction, per unit that entered in all of them.
 
-    It refracts where the index changes. A free bottom mirrors it, and the top again, as long as it
-    lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out.
+    It refracts where the index changes. A free bottom mirrors it, unless told, and the top again, as long as
+    it lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out.
     """
-    each = [_light_from(layers, cosine, share) for cosine, share in directions]
+    each = [_light_from(layers, cosine, share, mirrored) for cosine, share in directions]
     return [list(lights) for lights in zip(*each, strict=True)]
 
 
 @no_type_check
-def _light_from(layers, cosine, share):
+def _light_from(layers, cosine, share, mirrored=True):
     cosines = [refracted(cosine, layers[0].eta, layer.eta) for layer in layers]
     sigma = [layer.sigma / c for layer, c in zip(layers, cosines, strict=True)]
     depth = [None if layer.d is None else s * layer.d for s, layer in zip(sigma, layers, strict=True)]
@@ -95,7 +95,7 @@ def _light_from(layers, cosine, share):
         down.append(torch.exp(-above.clamp_max(FAR)))
         above = above if tau is None else above + tau
     up = [None] * len(layers)
-    if layers[-1].d is not None:
+    if mirrored and layers[-1].d is not None:
         top, bottom = mirrors([layer.eta for layer in layers], cosine)
         through = torch.exp(-above.clamp_max(FAR))
         gain = 1 / (1 - top * bottom * through**2)
