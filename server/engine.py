@@ -86,4 +86,3 @@ class Engine:
         self.baker.intermediate(draft, "diffused", **hooks)  # what the page asks for
         for wanted in (draft, scene):
             encoded(self.baker.display(wanted, self.baker.render(wanted, **hooks)), "image/jpeg")
-        self.baker.build_loops()

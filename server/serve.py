@@ -7,6 +7,8 @@ import resource
 import signal
 import socket
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import uvicorn
 from texsss_server.app import create_app
@@ -14,6 +16,7 @@ from texsss_server.logs import configure
 from texsss_server.service import Service
 from texsss_server.settings import Settings
 
+from texsss.ahead import Ahead
 from texsss.errors import DomainError
 
 log = logging.getLogger("texsss.server")
@@ -27,10 +30,19 @@ class Server(uvicorn.Server):
     """On the first signal: not ready any more; what runs is finished and its result may be fetched, or it is
     cancelled after the grace period."""
 
-    def __init__(self, config: uvicorn.Config, service: Service):
+    def __init__(self, config: uvicorn.Config, service: Service, ahead: Ahead):
         super().__init__(config)
-        self.service = service
+        self.service, self.ahead = service, ahead
         self._stopping: asyncio.Future | None = None
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Around everything; the signal that ended it is raised again afterwards, and may end the process."""
+        with super().capture_signals():
+            try:
+                yield
+            finally:
+                self.ahead.stop()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Opens the socket."""
@@ -96,8 +108,11 @@ def listening(host: str, port: int) -> socket.socket:
     return bound
 
 
-def serve(settings: Settings) -> None:
-    """Runs until it is told to stop. Raises DomainError, AssetError: when the settings cannot serve."""
+def serve(settings: Settings, ahead: Ahead) -> None:
+    """Runs until it is told to stop, and stops what is built ahead.
+
+    Raises DomainError, AssetError: when the settings cannot serve.
+    """
     configure(settings.log_format)
     share_heaps()
     open_files()
@@ -112,4 +127,4 @@ def serve(settings: Settings) -> None:
         server_header=False,
         timeout_graceful_shutdown=AFTER_CANCEL_S,
     )
-    Server(config, app.state.service).run(sockets=[bound])
+    Server(config, app.state.service, ahead).run(sockets=[bound])

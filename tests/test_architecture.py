@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "profiles": BASE | {"media", "profiles"},
     "transport": BASE | {"surface", "media", "light", "profiles", "transport"},
     "view": BASE | {"surface", "media", "light", "view"},
+    "ahead": {"numerics"},
     "shelf": {"errors", "types"},
     "cache": {"errors", "types", "shelf"},
     "specs": {"errors", "types"},
@@ -61,7 +62,7 @@ MAY_IMPORT = {
     "cli": {
         "terminal",
         *("openmp", "baker", "compare", "result", "scene", "options", "plot", "types", "errors", "io"),
-        *("cache", "gallery", "shelf"),
+        *("ahead", "cache", "gallery", "shelf"),
     },
     "__init__": set(),
 }
@@ -69,6 +70,7 @@ MAY_IMPORT = {
 
 SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
+    "ahead",
     *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "curve"),
     "gallery",
 }

@@ -11,14 +11,11 @@ from texsss.inspection import inspect
 from texsss.intermediates import intermediate
 from texsss.io.sandbox import Sandbox
 from texsss.pipeline import KINDS, Run
-from texsss.profiles import fused as weighing
 from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.shelf import Shelf, users_shelf
 from texsss.showing import model, showing
-from texsss.transport import loops as diffusing
-from texsss.transport.march import fused as marching
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
 
@@ -111,12 +108,6 @@ class Baker:
     ) -> dict:
         """Mesh, texture coordinates and scale of a scene, examined; see `texsss.inspection`."""
         return inspect(self._run(scene, progress, cancel), picture)
-
-    def build_loops(self) -> None:
-        """Builds what diffuses, marches and weighs layers, unless it lies on disk: else part of a bake."""
-        marching.build_usual()
-        weighing.build_usual()
-        diffusing.build()
 
     def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
         if not isinstance(scene, Scene):

@@ -1,5 +1,6 @@
 """The command line: `texsss bake`, `render`, `compare`, `map`, `inspect`, `profile`, `serve` …"""
 
+import atexit
 import json
 import sys
 import time
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from texsss import gallery, openmp  # noqa: F401 - before torch
+from texsss.ahead import Ahead
 from texsss.errors import TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
@@ -39,6 +41,8 @@ def bake(
 ) -> None:
     """Bakes scattered light into textures, a GLB and a preview."""
     writable(out)
+    if not dry_run:
+        _build_ahead()
     from texsss.baker import Baker, lasting_shelf  # torch takes its time: not for --help
 
     baker = Baker(shelf=lasting_shelf(), sandbox=sandbox)
@@ -63,6 +67,7 @@ def render(
 ) -> None:
     """Renders the picture of a scene alone."""
     image_name(out)
+    _build_ahead()
     from texsss.baker import Baker, lasting_shelf
 
     with shown_progress() as progress:
@@ -114,6 +119,7 @@ def compare(
 ) -> None:
     """Bakes a scene by several methods: pictures side by side, differences, errors and seconds."""
     writable(out)
+    _build_ahead()
     from texsss.baker import Baker
     from texsss.compare import DEFAULT
     from texsss.compare import compare as compared
@@ -198,10 +204,15 @@ def serve(
 ) -> None:
     """Serves previews and the page over HTTP; every other setting is a variable TEXSSS_…"""
     # the folder server/ under its installed name, which a type checker cannot follow
-    from texsss_server.serve import serve as run  # pyright: ignore[reportMissingImports]
     from texsss_server.settings import of_options  # pyright: ignore[reportMissingImports]
 
-    run(of_options(host=host, port=port, threads=threads, cache_mb=cache_mb, log_format=log_format))
+    ahead = Ahead()
+    settings = of_options(host=host, port=port, threads=threads, cache_mb=cache_mb, log_format=log_format)
+    if settings.warm:
+        ahead.start()
+    from texsss_server.serve import serve as run  # pyright: ignore[reportMissingImports]
+
+    run(settings, ahead)
 
 
 @app.command("cache")
@@ -243,6 +254,11 @@ def scene_init(
 def scene_list() -> None:
     """Lists the shipped scenes."""
     show_table("Scenes", {name: gallery.scene(name).summary for name in gallery.names()})
+
+
+def _build_ahead() -> None:
+    """Starts what a bake will need while the rest is loaded; it ends with the process."""
+    atexit.register(Ahead().start().stop)
 
 
 def main(arguments: list[str] | None = None) -> None:

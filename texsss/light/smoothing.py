@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+import scipy  # its parts are loaded where they are first used
 import torch
-from scipy.spatial import KDTree
 
 from texsss.numerics.threads import in_threads
 from texsss.types import Cancel, Float, Tensor, check_cancelled, chunks
@@ -29,7 +29,7 @@ def neighbours_mean(
     places, facing = position.detach().cpu().numpy(), normal.detach().contiguous()
     widths = [value.shape[1] for value in values]
     table = torch.cat([value.detach() for value in values], 1)
-    tree = KDTree(places, leafsize=_LEAF, balanced_tree=False, compact_nodes=False)
+    tree = scipy.spatial.KDTree(places, leafsize=_LEAF, balanced_tree=False, compact_nodes=False)
 
     def mean(rows: slice) -> Float[Tensor, "rows D"]:
         check_cancelled(cancel)

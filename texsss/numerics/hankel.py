@@ -5,8 +5,8 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts are loaded where they are first used
 import torch
-from scipy.special import jn_zeros
 
 from texsss.numerics.quadrature import gauss_legendre
 from texsss.types import Float, Tensor
@@ -25,7 +25,7 @@ def inverse_hankel(
     float64. Differentiable in whatever `spectrum` depends on.
     Source: Longman 1956 for integrals between zeros.
     """
-    zeros = np.concatenate([[0.0], jn_zeros(0, PIECES)])
+    zeros = np.concatenate([[0.0], scipy.special.jn_zeros(0, PIECES)])
     results = []
     for distance in r.detach().double().tolist():
         # the first half-wave holds most of the structure: nodes crowd towards s = 0

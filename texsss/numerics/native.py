@@ -5,10 +5,14 @@ import hashlib
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import tempfile
+import threading
+import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +22,9 @@ FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-pthread", "
 # as the compiler may fuse and vectorise; infinities and NaN stay what they are
 FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 PATIENCE_S = 120
+POLL_S = 0.05
 SHARED = Path(__file__).parent  # of headers
+_LOCKS: dict[Path, threading.Lock] = {}
 
 
 def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
@@ -30,33 +36,62 @@ def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
     return _library(source, tuple(sorted(macros.items())))
 
 
+def build(source: Path, macros: Mapping[str, int], cancel: Callable[[], bool]) -> bool:
+    """Whether what `library` would load lies on disk; builds it first, in silence, until `cancel` says so."""
+    try:
+        return _built(source, tuple(sorted(macros.items())), cancel) is not None
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
 @cache
 def _library(source: Path, macros: tuple[tuple[str, int], ...]) -> ctypes.CDLL | None:
-    compiler = _compiler()
-    if compiler is None:
-        notice("no C++ compiler was found")
-        return None
-    text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
-    command = [compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
-    key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
-    path = _folder() / f"{source.stem}-{key}.so"
     try:
-        if not path.is_file():
-            _build([*command, f"-I{SHARED}", str(source)], path)
+        path = _built(source, macros)
+        if path is None:
+            notice("no C++ compiler was found")
+            return None
         return ctypes.CDLL(str(path))
     except (OSError, subprocess.SubprocessError) as error:
         notice(f"a C++ file could not be built ({type(error).__name__})")
         return None
 
 
-def _build(command: list[str], path: Path) -> None:
+def _built(
+    source: Path, macros: tuple[tuple[str, int], ...], cancel: Callable[[], bool] = lambda: False
+) -> Path | None:
+    """Where the library of a source lies, built unless it is there; None without a compiler."""
+    compiler = _compiler()
+    if compiler is None:
+        return None
+    text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
+    command = [compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
+    key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
+    path = _folder() / f"{source.stem}-{key}.so"
+    with _LOCKS.setdefault(path, threading.Lock()):  # whoever comes second waits for what the first builds
+        if not path.is_file():
+            _build([*command, f"-I{SHARED}", str(source)], path, cancel)
+    return path
+
+
+def _build(command: list[str], path: Path, cancel: Callable[[], bool]) -> None:
     """Builds beside `path`, then moves there in one step: others may build the same."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    deadline = time.monotonic() + PATIENCE_S
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder) / path.name
-        subprocess.run(
-            [*command, "-o", str(made)], check=True, capture_output=True, timeout=PATIENCE_S, cwd=folder
-        )
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        running = subprocess.Popen([*command, "-o", str(made)], cwd=folder, start_new_session=True, **quiet)
+        try:
+            while running.poll() is None and not cancel() and time.monotonic() < deadline:
+                with suppress(subprocess.TimeoutExpired):
+                    running.wait(POLL_S)
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)  # g++ leaves the work to children
+                running.wait()
+        if running.returncode:
+            raise subprocess.CalledProcessError(running.returncode, command)
         os.replace(made, path)
 
 

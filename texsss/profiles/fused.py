@@ -7,7 +7,7 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.numerics.native import library
-from texsss.profiles.incidence import NODES, NODES_WIDE, Incidence, incidence_directions, mean_direction
+from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
 from texsss.profiles.layered_sp3 import parameters, unreduced
 from texsss.profiles.single import exits
@@ -79,12 +79,6 @@ class Fused:
             *map(ctypes.c_int64, (rows.start, rows.stop)),
             ctypes.c_void_p(result.data_ptr()),
         )
-
-
-def build_usual() -> None:
-    """Builds the loops of diffuse light, unless they are there."""
-    for directions in (NODES, NODES_WIDE):
-        _loop(directions)
 
 
 def _loop(directions: int) -> ctypes.CDLL | None:

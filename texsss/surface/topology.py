@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded where they are first used
 import torch
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Int, Tensor
@@ -38,8 +37,10 @@ def shared_edges(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "N 2"]:
 def components(count: int, pairs: Int[Tensor, "N 2"]) -> Int[Tensor, " count"]:
     """The number of the connected part, from 0 in order of its first member, of each of `count` things."""
     pair = pairs.detach().cpu().numpy()
-    graph = coo_array((np.ones(len(pair), np.int8), (pair[:, 0], pair[:, 1])), shape=(count, count))
-    label = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(pair), np.int8), (pair[:, 0], pair[:, 1])), shape=(count, count)
+    )
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     _, first, label = np.unique(label, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return torch.from_numpy(rank[label].astype(np.int64)).to(pairs.device)

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+import scipy  # its parts are loaded where they are first used
 import torch
-from scipy.spatial import KDTree
 
 from texsss.numerics.sparse import Sparse, starts
 from texsss.transport.loops import addresses, call, products, room
@@ -37,7 +37,7 @@ def gutter_means(
     surface, gutter = place[:covered], place[covered:]
     looked, count = min(LOOKED_AT, covered), min(AROUND, covered)
     columns, values = [surface.new_zeros(0, count, dtype=torch.int32)], [surface.new_zeros(0, count)]
-    tree = KDTree(surface.cpu().double().numpy(), balanced_tree=False, compact_nodes=False)
+    tree = scipy.spatial.KDTree(surface.cpu().double().numpy(), balanced_tree=False, compact_nodes=False)
     for rows in chunks(len(gutter), CHUNK):
         check_cancelled(cancel)
         near = tree.query(gutter[rows].cpu().double().numpy(), k=looked, workers=-1)[1]

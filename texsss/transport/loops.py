@@ -70,12 +70,6 @@ class Scratch:
         return self.held[: rows * columns].view(rows, columns)
 
 
-def build() -> None:
-    """Builds the loops, unless they lie on disk."""
-    for source in (PAIRS, PRODUCTS):
-        library(source, {})
-
-
 def addresses(tensors: Sequence[Tensor]) -> Int[Tensor, " groups"]:
     """Where each of them begins in memory."""
     return torch.tensor([t.data_ptr() for t in tensors], dtype=torch.int64)

@@ -13,15 +13,6 @@ constexpr int PER_WORD = B == 1 ? 1 : B == 3 && !WIDE ? 3 : 2, BITS = PER_WORD =
 constexpr int RAY = 11, LIGHT = 11;  // rows of the tables of rays and lights
 constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, LEAST_REST = 1e-7f, PI4 = 12.566370614359172f;
 
-static inline V floored(V a) {
-#if defined(__AVX512F__)
-  return (V)_mm512_floor_ps((__m512)a);
-#else
-  V cut = real(whole(a));
-  return cut > a ? cut - 1 : cut;
-#endif
-}
-
 // ln x for normal x > 0: the exponent, and a series in (m - 1) / (m + 1) of the mantissa
 static inline V logarithm(V x) {
   I bits = (I)x, e = ((bits - 0x3f3504f3) >> 23);

@@ -84,12 +84,6 @@ class Fused:
         return result.T
 
 
-def build_usual() -> None:
-    """Builds the loops of one to three layers that need no maps of coefficients, unless they are there."""
-    for boundaries in range(3):
-        _loop(boundaries, True, False, False, False, False)
-
-
 def _loop(
     boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool, wide: bool
 ) -> ctypes.CDLL | None:

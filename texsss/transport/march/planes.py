@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded where they are first used
 import torch
-from scipy.sparse import csr_matrix
-from scipy.spatial import KDTree
 
 from texsss.errors import DomainError, ShapeError
 from texsss.surface.mesh import Mesh
@@ -71,7 +70,7 @@ def fit_planes(mesh: Mesh, radius_mm: float) -> Planes:
     vertices = mesh.vertices.detach().cpu().double().numpy()
     outward = _vertex_normals(mesh).cpu().double().numpy()
     radius = min(radius_mm, 2 * mesh.diagonal_mm)
-    tree = KDTree(vertices)
+    tree = scipy.spatial.KDTree(vertices)
     probe = vertices[:: max(1, len(vertices) // 256)]
     typical = tree.query_ball_point(probe, radius, return_length=True).mean()
     if typical * len(vertices) > 2 * MOST_PAIRS:
@@ -113,11 +112,11 @@ def _fit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centroid (n, 3), normal (n, 3) of the plane around every site, and whether there is one (n,)."""
     count = len(sites)
-    pairs = KDTree(sites).query_pairs(radius, output_type="ndarray")
+    pairs = scipy.spatial.KDTree(sites).query_pairs(radius, output_type="ndarray")
     alike = np.einsum("pd,pd->p", outward[pairs[:, 0]], outward[pairs[:, 1]]) > 0
     a, b = pairs[alike].T
     own = np.arange(count)
-    near = csr_matrix(
+    near = scipy.sparse.csr_matrix(
         (np.ones(2 * len(a) + count), (np.concatenate([a, b, own]), np.concatenate([b, a, own]))),
         shape=(count, count),
     )
@@ -143,7 +142,9 @@ def _through_clusters(
     key = ((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]) * 6 + 2 * axis + backwards
     _, member = np.unique(key, return_inverse=True)
     count = int(member.max()) + 1
-    gather = csr_matrix((np.ones(len(member)), (member, np.arange(len(member)))), shape=(count, len(member)))
+    gather = scipy.sparse.csr_matrix(
+        (np.ones(len(member)), (member, np.arange(len(member)))), shape=(count, len(member))
+    )
     moments = gather @ _moments(vertices)
     sites = moments[:, 1:4] / moments[:, :1]
     normals = gather @ outward
