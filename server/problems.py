@@ -27,13 +27,14 @@ class Kind(NamedTuple):
 KINDS = {
     "malformed-json": Kind(400, "The body is not JSON"),
     "malformed-body": Kind(400, "The body cannot be read"),
+    "malformed-request": Kind(400, "The request cannot be read"),
     "bad-host": Kind(400, "This host is not served here"),
     "unauthorized": Kind(401, "An API key is needed"),
     "origin-refused": Kind(403, "Pages of this origin may not ask this"),
     "not-found": Kind(404, "Nothing is here"),
     "method-not-allowed": Kind(405, "This method is not served here"),
     "not-acceptable": Kind(406, "No format on offer is accepted"),
-    "request-timeout": Kind(408, "The body took too long to arrive"),
+    "request-timeout": Kind(408, "The request took too long to arrive"),
     "not-ready": Kind(409, "The job is not finished"),
     "job-failed": Kind(409, "The job did not give a result"),
     "superseded": Kind(409, "A newer draft took the place of this one"),
@@ -53,6 +54,7 @@ KINDS = {
     "render-timeout": Kind(503, "The computation took too long"),
     "starting": Kind(503, "The service is starting"),
     "stopping": Kind(503, "The service is stopping"),
+    "too-many-connections": Kind(503, "Too many connections are open"),
     "storage-full": Kind(507, "There is no room for the file"),
 }
 """Every answer that is not a success, by the last part of its type."""

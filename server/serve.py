@@ -12,6 +12,7 @@ from contextlib import contextmanager
 
 import uvicorn
 from texsss_server.app import create_app
+from texsss_server.connections import connections
 from texsss_server.logs import configure
 from texsss_server.service import Service
 from texsss_server.settings import Settings
@@ -122,6 +123,7 @@ def serve(settings: Settings, ahead: Ahead) -> None:
         app,
         host=settings.host,
         port=settings.port,
+        http=connections(settings),
         log_config=None,
         access_log=False,
         server_header=False,

@@ -52,6 +52,9 @@ class Settings(BaseSettings):
     grace_s: Annotated[float, Field(ge=0)] = 20
     """How long work may go on after SIGTERM."""
 
+    connections: Count = 1000
+    """Open at a time, idle ones included."""
+    header_timeout_s: Positive = 20
     body_mb: Positive = 1
     body_timeout_s: Positive = 20
     upload_mb: Positive = 64

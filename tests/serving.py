@@ -112,6 +112,8 @@ STRICT = {
     "api_key": KEY,
     "body_mb": 0.002,
     "body_timeout_s": 1,
+    "header_timeout_s": 1,
+    "connections": 60,
     "upload_mb": 0.01,
     "upload_timeout_s": 1,
     "queue": 1,

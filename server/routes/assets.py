@@ -10,7 +10,7 @@ from starlette.types import Receive, Scope, Send
 from texsss_server.answers import matches
 from texsss_server.bodies import chunks, media_type
 from texsss_server.examine import Asset
-from texsss_server.problems import Problem, responses
+from texsss_server.problems import Problem, invalid, responses
 from texsss_server.service import Service, TheService
 from texsss_server.settings import MB
 
@@ -67,6 +67,8 @@ async def upload(request: Request, query: Annotated[UploadQuery, Query()], servi
     if not media_type(request).startswith(TYPES):
         detail = f"Expected Content-Type: one of {ACCEPT_POST}."
         raise Problem("unsupported-media-type", detail, headers={"accept-post": ACCEPT_POST})
+    if len(request.query_params.getlist("name")) > 1:
+        raise invalid("name: expected one, got several.", "name", "repeated", "query")
     if service.stopping and service.unready:
         raise service.unready
     settings = service.settings

@@ -131,7 +131,9 @@ def test_content_type_of_uploads(client, kind):
     assert "model/*" in answer.headers["accept-post"]
 
 
-@pytest.mark.parametrize("query", ["", "name=", "name=x&more=1", "name=" + "a" * 300])
+@pytest.mark.parametrize(
+    "query", ["", "name=", "name=x&more=1", "name=a.obj&name=b.obj", "name=" + "a" * 300]
+)
 def test_upload_query(client, query):
     answer = client.post(f"/v1/assets?{query}", content=b"x", headers=BINARY)
     problem(answer, 422, "invalid-parameters")

@@ -112,6 +112,48 @@ def test_slow_body(strict, path, kind):
     assert 0.9 < time.monotonic() - start < 5
 
 
+def heard(wire: socket.socket) -> tuple[int | None, dict]:
+    """Status and problem of what a server says before it closes; None if it says nothing."""
+    text = b""
+    while part := wire.recv(4096):
+        text += part
+    if not text:
+        return None, {}
+    head, body = text.split(b"\r\n\r\n", 1)
+    assert b"application/problem+json" in head and b"x-request-id" in head and b"connection: close" in head
+    return int(head.split()[1]), json.loads(body)
+
+
+@pytest.mark.parametrize(
+    "sent, status, slug",
+    [
+        (b"", None, None),
+        (b"GET /healthz HTTP/1.1\r\nHost: loc", 408, "request-timeout"),
+        (b"\x16\x03\x01\x00\xa5\x01\r\n\r\n", 400, "malformed-request"),  # TLS
+        (b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n", 400, "malformed-request"),
+    ],
+)
+def test_connections_that_bring_no_request(strict, sent, status, slug):
+    with socket.create_connection(strict.url.removeprefix("http://").split(":"), timeout=10) as wire:
+        wire.sendall(sent)
+        found, told = heard(wire)
+    assert found == status
+    assert told.get("type") == (slug and f"/problems/{slug}")
+
+
+def test_more_connections_than_there_may_be(strict):
+    address = strict.url.removeprefix("http://").split(":")
+    idle = [socket.create_connection(address, timeout=10) for _ in range(60)]
+    try:
+        with socket.create_connection(address, timeout=10) as wire:
+            status, told = heard(wire)
+        assert status == 503 and told["type"] == "/problems/too-many-connections"
+    finally:
+        for wire in idle:
+            wire.close()
+    assert httpx.get(f"{strict.url}/healthz").status_code == 200
+
+
 def test_upload_limits(tight):
     def upload(data: bytes, name: str) -> httpx.Response:
         headers = {"content-type": "application/octet-stream"}

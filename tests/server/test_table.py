@@ -5,10 +5,13 @@ import io
 import json
 import socket
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import httpx
 import pytest
+from fastapi import FastAPI
 from PIL import Image
 from serving import problem
 from texsss_server.app import create_app
@@ -285,26 +288,47 @@ def test_what_breaks_inside_is_a_500(server, client):
     (server.assets / f"{name}.json").rmdir()
 
 
-def test_what_nobody_expected_is_a_500_without_its_trace(caplog):
-    """An application of its own, since nothing is known to break the real one."""
+@pytest.fixture
+def own() -> Iterator[FastAPI]:
+    """An application in this process, to break."""
     app = create_app(Settings(warm=False))
+    yield app
+    app.state.service.store.close()
 
+
+def asked(app: FastAPI, method: str, path: str, **options: Any) -> httpx.Response:
+    """What an application of this process answers."""
+
+    async def ask() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            return await client.request(method, path, **options)
+
+    with ThreadPoolExecutor(1) as pool:  # a browser that was tested before has a loop in this thread
+        return pool.submit(lambda: asyncio.run(ask())).result()
+
+
+def test_what_nobody_expected_is_a_500_without_its_trace(own, caplog):
     def broken(asset: str) -> None:
         raise RuntimeError(f"the secret folder of {asset}")
 
-    app.state.service.store.get = broken
-
-    async def ask() -> httpx.Response:
-        async with httpx.AsyncClient(
-            transport=httpx.ASGITransport(app), base_url="http://localhost"
-        ) as asking:
-            return await asking.get(f"/v1/assets/{'0' * 64}")
-
-    with ThreadPoolExecutor(1) as pool:  # a browser that was tested before has a loop in this thread
-        answer = pool.submit(lambda: asyncio.run(ask())).result()
-    app.state.service.store.close()
+    own.state.service.store.get = broken
+    answer = asked(own, "GET", f"/v1/assets/{'0' * 64}")
     problem(answer, 500, "internal")
     assert "secret" not in answer.text and "the secret folder" in caplog.text
+
+
+def test_a_body_that_a_stop_cuts_off_is_told(own):
+    """As uvicorn cancels what is still arriving after the time that a stop may take."""
+
+    async def body():
+        yield b"{"
+        own.state.service.stopping = True
+        raise asyncio.CancelledError
+
+    answer = asked(own, "POST", "/v1/profile", headers=JSON, content=body())
+    problem(answer, 503, "stopping")
+    assert answer.headers["retry-after"] == "5"
 
 
 def test_health_and_metrics(client):

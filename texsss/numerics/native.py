@@ -80,8 +80,10 @@ def _build(command: list[str], path: Path, cancel: Callable[[], bool]) -> None:
     deadline = time.monotonic() + PATIENCE_S
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = Path(folder) / path.name
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        running = subprocess.Popen([*command, "-o", str(made)], cwd=folder, start_new_session=True, **quiet)
+        nowhere = subprocess.DEVNULL
+        running = subprocess.Popen(
+            [*command, "-o", str(made)], cwd=folder, stdout=nowhere, stderr=nowhere, start_new_session=True
+        )
         try:
             while running.poll() is None and not cancel() and time.monotonic() < deadline:
                 with suppress(subprocess.TimeoutExpired):
