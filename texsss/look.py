@@ -56,7 +56,9 @@ def seer(
     """
     albedo = None
     if surface.albedo is not None and surface.albedo_mode != "pre":
-        colour = images[surface.albedo].clamp(0, 1).expand(-1, -1, 3)
+        colour = images[surface.albedo].expand(-1, -1, 3)
+        least, most = colour.aminmax()
+        colour = colour if least >= 0 and most <= 1 else colour.clamp(0, 1)
         albedo = Texture.of(colour.sqrt() if surface.albedo_mode == "both" else colour, "repeat")
     textures = {name: Texture.of(image, "repeat") for name, image in images.items()}
 

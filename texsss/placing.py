@@ -71,8 +71,9 @@ def _placed(scene: Scene, spec: LightSpec, mesh: Mesh, images: Images) -> list[L
         case EnvironmentSpec(map=None):
             return [ConstantEnvironment(spec.radiance)]
         case EnvironmentSpec():
-            image = images[spec.map or ""]
-            tinted = image.expand(-1, -1, 3) * image.new_tensor(spec.radiance)
+            image = images[spec.map or ""].expand(-1, -1, 3)
+            # a large panorama is not to be held twice for nothing
+            tinted = image if set(spec.radiance) == {1.0} else image * image.new_tensor(spec.radiance)
             source = scene.maps[spec.map or ""].source
             file = source.path or source.builtin
             name = f"Panorama {spec.map}" + (f" ({Path(file).name})" if file else "")

@@ -253,6 +253,32 @@ def test_large_radiance_pictures_take_little_memory_and_time():
     assert np.allclose(image.numpy(), expected, rtol=1e-6)
 
 
+def test_old_runs_longer_than_a_byte():
+    """Of n, then of 256 n: 300 pixels are one and 43 + 256 more; a run cannot leave its row."""
+    a, b = bytes([128, 64, 32, 129]), bytes([10, 20, 30, 128])
+    rows = [a + bytes([1, 1, 1, 43, 1, 1, 1, 1]), b + bytes([1, 1, 1, 0, 1, 1, 1, 1]) + a * 43]
+    image = read_image(rgbe(rows, b"-Y 2 +X 300"))
+    assert bool((image[0] == image[0, 0]).all()) and bool((image[1, :257] == image[1, 0]).all())
+    assert torch.equal(image[1, 257:], image[0, :43])
+    with pytest.raises(AssetError, match="got fewer"):
+        read_image(rgbe([rows[0].replace(b"\x2b", b"\x2c"), rows[1]], b"-Y 2 +X 300"))
+
+
+def test_large_pictures_are_held_once(monkeypatch):
+    """In float32 nothing but the result is as large as the picture; grey is not even held three times."""
+    colours = torch.rand(600, 500, 4, generator=torch.Generator().manual_seed(0))
+    data = encode_png(colours, 16)
+    at_once = read_image(data)
+    monkeypatch.setattr("texsss.io.images.BAND", 7 * 500)
+    tracemalloc.start()
+    assert torch.equal(read_image(data), at_once)
+    # measured 16 bytes a pixel, half of them levels, half tables; tensors are not seen, floats would add 16
+    assert tracemalloc.get_traced_memory()[1] < 20 * 600 * 500
+    tracemalloc.stop()
+    assert torch.equal(read_image(data, "linear", "rgba")[..., 3:], read_image(data, "srgb", "a"))
+    assert read_image(encode_png(colours[..., :1])).untyped_storage().nbytes() == 4 * 600 * 500
+
+
 def lying_png(width: int, height: int) -> bytes:
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

@@ -41,9 +41,9 @@ def write_exr(path: str | Path, image: Float[Tensor, "H W C"], half: bool = Fals
 
 
 def read_exr(
-    source: str | Path | bytes, *, name: str = "image.exr", max_pixels: int = MAX_PIXELS
+    source: str | Path | bytes, *, name: str = "image.exr", max_pixels: int = MAX_PIXELS, alpha: bool = True
 ) -> Float[Tensor, "H W C"]:
-    """Linear values: 3 channels, 4 with alpha, or 1.
+    """Linear values: 3 channels, 4 with alpha unless that is not asked for, or 1.
 
     Taken are red, green and blue of the first part that has them, without a layer's name before those
     of a layer (`diffuse.R`); else luminance Y; else X, Y and Z of a layer, as vectors are stored; else the
@@ -64,9 +64,12 @@ def read_exr(
         found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels(part)
         if any(found[c].pixels.shape != (height, width) for c in chosen):
             raise AssetError(f"{name}: expected channels of one size, got subsampled ones; export RGB.")
-        image = np.empty((height, width, len(chosen)), np.float32)
+        chosen = chosen if alpha else chosen[:3]
+        for channel in found.keys() - set(chosen):
+            del found[channel]
+        image = np.empty((len(chosen), height, width), np.float32)
         for k, channel in enumerate(chosen):
-            image[..., k] = found[channel].pixels
+            image[k] = found.pop(channel).pixels  # which is free then
     except (AssetError, MemoryError):
         raise
     # the binding raises RuntimeError, ValueError, TypeError for damage of all kinds
@@ -74,9 +77,9 @@ def read_exr(
         raise AssetError(
             f"{name}: expected an OpenEXR image, got a damaged one ({error}); export it again."
         ) from error
-    if not all(np.isfinite(row).all() for row in image):  # row by row: no mask of all
+    if not all(np.isfinite(row).all() for plane in image for row in plane):  # row by row: no mask of all
         raise AssetError(f"{name}: expected finite values, got NaN or infinity; repair the image.")
-    return torch.from_numpy(image)
+    return torch.from_numpy(image).permute(1, 2, 0)
 
 
 def _size(header: dict) -> tuple[int, int]:

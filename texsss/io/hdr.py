@@ -35,7 +35,7 @@ def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[
         raise AssetError(f"{name}: expected RGBE colours, got another FORMAT; export it again.")
     exposure = _exposure(header, name)
     try:
-        rgbe = _pixels(data, start, height, width)
+        rgbe = _pixels(data, start, height, width)[:: 1 if down else -1, :: 1 if right else -1]
     except (IndexError, ValueError) as error:
         raise AssetError(
             f"{name}: expected {width} × {height} pixels, got fewer; download it again."
@@ -44,8 +44,7 @@ def read_hdr(data: bytes, *, name: str = "image.hdr", max_pixels: int) -> Float[
     step = max(BLOCK // width, 1)
     for row in range(0, height, step):
         _scaled(rgbe[row : row + step], exposure, image[row : row + step])
-    image = image[:: 1 if down else -1, :: 1 if right else -1]
-    return torch.from_numpy(np.ascontiguousarray(image))
+    return torch.from_numpy(image)
 
 
 def _exposure(header: list[bytes], name: str) -> float:
@@ -98,44 +97,35 @@ def _pixels(data: bytes, at: int, height: int, width: int) -> np.ndarray:
 def _runs(data: bytes, at: int, row: np.ndarray) -> int:
     """One scanline, its four components apart, each in runs and literals."""
     width = row.shape[0]
-    for component in range(4):
-        x = 0
-        while x < width:
+    found = bytearray()  # appended to: a run is a few bytes, an array's slice would take ten times as long
+    for stop in range(width, 5 * width, width):
+        while len(found) < stop:
             count = data[at]
-            if count > 128:  # a run
-                count -= 128
-                row[_span(x, count, width), component] = data[at + 1]
+            if count > 128:
+                found += data[at + 1 : at + 2] * (count - 128)
                 at += 2
             else:
-                row[_span(x, count, width), component] = np.frombuffer(data, np.uint8, count, at + 1)
+                found += data[at + 1 : at + 1 + count]
                 at += 1 + count
-            x += count
+        if len(found) > stop:
+            raise ValueError("run beyond the row")
+    row[:] = np.frombuffer(found, np.uint8).reshape(4, width).T
     return at
 
 
 def _old_runs(data: bytes, at: int, row: np.ndarray) -> int:
     """One scanline of whole pixels; 1 1 1 n repeats the last one n times, 256 n if it follows another."""
+    width = row.shape[0]
     flat = np.frombuffer(data, np.uint8, min(row.size, len(data) - at) // 4 * 4, at).reshape(-1, 4)
-    if len(flat) == len(row) and not (flat[1:, :3] == 1).all(1).any():
-        row[:] = flat
-        return at + row.size
-    x, shift = 0, 0
-    while x < row.shape[0]:
-        pixel = np.frombuffer(data, np.uint8, 4, at)
-        at += 4
-        if x and tuple(pixel[:3]) == (1, 1, 1):
-            count = int(pixel[3]) << shift
-            row[_span(x, count, row.shape[0])] = row[x - 1]
-            x += count
-            shift += 8
-        else:
-            row[x] = pixel
-            x += 1
-            shift = 0
-    return at
-
-
-def _span(start: int, count: int, width: int) -> slice:
-    if count == 0 or start + count > width:
-        raise ValueError("run beyond the row")
-    return slice(start, start + count)
+    repeats = (flat[:, :3] == 1).all(1)
+    repeats[:1] = False
+    number = np.arange(len(flat))
+    pixel = np.maximum.accumulate(np.where(repeats, 0, number))  # the last one that is none
+    shift = 8 * np.minimum(number - pixel - 1, 4)
+    counts = np.where(repeats, flat[:, 3].astype(np.int64) << np.maximum(shift, 0), 1)
+    upto = np.cumsum(counts)
+    used = int(np.searchsorted(upto, width)) + 1
+    if used > len(flat) or upto[used - 1] != width:
+        raise ValueError("run beyond the row, or too few pixels")
+    row[:] = np.repeat(flat[pixel[:used]], counts[:used], 0)
+    return at + 4 * used

@@ -15,11 +15,12 @@ from texsss.errors import AssetError, DomainError, ShapeError, TooLarge
 from texsss.io import exr, hdr
 from texsss.io._tiff import read_deep_tiff
 from texsss.io.files import check_pixels, read_bytes, replacing
-from texsss.types import Float, Tensor
+from texsss.types import Float, Tensor, chunks
 
 SPACES = ("srgb", "linear")
 CHANNELS = ("rgb", "rgba", "r", "g", "b", "a", "luminance")
 MAX_PIXELS = exr.MAX_PIXELS
+BAND = 1 << 16  # pixels that are turned into floats at once: they stay in the cache
 FORMATS = "PNG, JPEG, WebP, TIFF, OpenEXR or Radiance HDR"
 _PILLOW = ("PNG", "JPEG", "WEBP", "TIFF")
 _COLOURS = ("RGB", "RGBA", "RGBX", "CMYK", "LA")
@@ -53,11 +54,14 @@ def read_image(
     _check_choice("channel", channel, CHANNELS)
     data, name = (source, name) if isinstance(source, bytes) else (read_bytes(source), str(source))
     if data.startswith(exr.MAGIC):
-        return _selected(exr.read_exr(data, name=name, max_pixels=max_pixels), channel)
+        alpha = channel in ("rgba", "a")
+        return _selected(exr.read_exr(data, name=name, max_pixels=max_pixels, alpha=alpha), channel)
     if data.startswith(hdr.MAGIC):
         return _selected(hdr.read_hdr(data, name=name, max_pixels=max_pixels), channel)
     levels = _decoded(data, name, max_pixels)
-    return _selected(torch.from_numpy(_linear(levels, space)), channel)
+    if levels.dtype.kind == "f":
+        return _selected(torch.from_numpy(levels.astype(np.float32, copy=False)), channel)
+    return _linear(levels, space, channel)
 
 
 def write_png(path: str | Path, image: Float[Tensor, "H W C"], bits: int = 8) -> None:
@@ -178,19 +182,25 @@ def _deep_png(data: bytes, height: int, width: int) -> np.ndarray:
     return np.asarray(kornia_rs.io.decode_image_png_u16(data, (height, width), mode))
 
 
-def _linear(levels: np.ndarray, space: str) -> np.ndarray:
-    """8- and 16-bit levels as linear float32, by table: a power per pixel takes long and four copies."""
-    if levels.dtype.kind == "f":
-        return levels.astype(np.float32)
-    levels = levels.astype(levels.dtype.newbyteorder("="))
+def _linear(levels: np.ndarray, space: str, channel: str) -> Float[Tensor, "H W C"]:
+    """What `channel` asks for of 8- and 16-bit levels, by table: a power per pixel takes long.
+
+    Some rows at a time: in float32 a large image is held once, and grey for all three colours.
+    """
+    height, width, count = levels.shape
     most = np.iinfo(levels.dtype).max
     straight = np.arange(most + 1) / most
-    if space == "linear":
-        return straight.astype(np.float32)[levels]
-    values = _srgb_to_linear(straight).astype(np.float32)[levels]
-    if levels.shape[-1] in (2, 4):
-        values[..., -1] = levels[..., -1] / np.float32(most)
-    return values
+    plain = straight.astype(np.float32)
+    curved = plain if space == "linear" else _srgb_to_linear(straight).astype(np.float32)
+    grey = channel == "rgb" and count < 3
+    wanted = "r" if grey else channel
+    image = torch.empty(height, width, {"rgb": 3, "rgba": 4}.get(wanted, 1))
+    for rows in chunks(height, max(BAND // width, 1)):
+        values = curved.take(levels[rows])
+        if count in (2, 4):
+            values[..., -1] = plain.take(levels[rows, :, -1])
+        image[rows] = _selected(torch.from_numpy(values), wanted)
+    return image.expand(-1, -1, 3) if grey else image
 
 
 def _srgb_to_linear(values: np.ndarray) -> np.ndarray:
@@ -199,19 +209,17 @@ def _srgb_to_linear(values: np.ndarray) -> np.ndarray:
 
 
 def _selected(values: Float[Tensor, "H W C"], channel: str) -> Float[Tensor, "H W D"]:
-    """The channels asked for, of grey, grey + alpha, RGB or RGBA."""
+    """The channels asked for, of grey, grey + alpha, RGB or RGBA; three are a view of what there is."""
     count = values.shape[-1]
-    alpha = values[..., -1:] if count in (2, 4) else torch.ones_like(values[..., :1])
     colours = values[..., :3] if count >= 3 else values[..., :1].expand(-1, -1, 3)
     if channel == "rgb":
-        return colours.contiguous()
-    if channel == "rgba":
-        return torch.cat([colours, alpha], -1)
-    if channel == "a":
-        return alpha.contiguous()
+        return colours
     if channel == "luminance":
         return (colours * colours.new_tensor(_LUMINANCE)).sum(-1, keepdim=True)
-    return colours[..., "rgb".index(channel), None].contiguous()
+    if channel in "rgb":
+        return colours[..., "rgb".index(channel), None].clone()
+    alpha = values[..., -1:] if count in (2, 4) else torch.ones_like(values[..., :1])
+    return alpha.clone() if channel == "a" else torch.cat([colours, alpha], -1)
 
 
 def _check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:

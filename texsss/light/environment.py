@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 
 from texsss.errors import DomainError
-from texsss.light import cube
+from texsss.light import cube, panorama
 from texsss.light.emitters import POOL, LightSamples, Spots, cosine_hemisphere, tilted
 from texsss.light.panorama import (
     Chances,
@@ -22,7 +22,6 @@ from texsss.light.panorama import (
 )
 from texsss.light.spots import brightest_of_the_rest, spots_of
 from texsss.media import fresnel
-from texsss.numerics.sampling import Texture
 from texsss.types import Float, Int, Tensor, unit
 
 _WIDEST = 1024  # texels that samples are chosen from; larger panoramas are averaged down
@@ -52,8 +51,9 @@ class ImageEnvironment:
 
     def __post_init__(self):
         seen = self.image.detach()
-        wrong = int((~(torch.isfinite(seen) & (seen >= 0))).any(-1).sum())
-        if wrong:
+        least, most = seen.aminmax()
+        if not (least >= 0 and most < math.inf):  # NaN is neither
+            wrong = int((~(torch.isfinite(seen) & (seen >= 0))).any(-1).sum())
             raise DomainError(
                 f"{self.name}: expected finite radiance of at least 0, got {wrong:,} texels without; repair "
                 "the image."
@@ -63,7 +63,7 @@ class ImageEnvironment:
                 f"{self.name}: expected a finite rotation and an intensity of at least 0, got "
                 f"{self.rotation} and {self.intensity}."
             )
-        rows = seen.sum((1, 2), dtype=torch.float64) / 3
+        rows = seen.sum((1, 2)).double() / 3
         total = self.intensity * float((rows * solid_angle(*seen.shape[:2])).sum())
         if not total <= _MOST:
             raise DomainError(
@@ -72,8 +72,7 @@ class ImageEnvironment:
 
     def radiance_from(self, direction: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
         """See `Environment.radiance_from`. Bilinear, seamless at the back. Differentiable in image."""
-        image = self.image if self.image.requires_grad else self._texture
-        return self.intensity * looked_up(image, place(turned(direction, -self.rotation))).to(direction)
+        return self.intensity * looked_up(self.image, place(turned(direction, -self.rotation))).to(direction)
 
     def sample(
         self, position: Float[Tensor, "P 3"], normal: Float[Tensor, "P 3"], square: Float[Tensor, "P 2"]
@@ -153,10 +152,6 @@ class ImageEnvironment:
         return replace(self, image=rest.float(), looks=(False,)), spots
 
     @cached_property
-    def _texture(self) -> Texture:
-        return Texture.of(self.image.detach(), "repeat")
-
-    @cached_property
     def _power(self) -> Float[Tensor, "h w 3"]:
         """Radiance × solid angle, in the texels that samples are chosen from. float64."""
         image = self.image.detach()
@@ -165,8 +160,7 @@ class ImageEnvironment:
             more = -(-_FINEST // width)
             height, width = more * height, more * width
             image = looked_up(image, centres(height, width).to(image)).reshape(height, width, 3)
-        angle = solid_angle(height, width).to(image)
-        return gathered(image * angle[:, None, None], _WIDEST).double()
+        return panorama.power(image, _WIDEST).double()
 
     @cached_property
     def _chances(self) -> Chances:

@@ -11,6 +11,7 @@ import torch
 from texsss.numerics.sampling import Texture
 from texsss.types import Float, Int, Tensor
 
+STRIP = 256  # rows or columns that are summed at once where spans are uneven: running sums take memory
 _UNIFORM = 0.05  # share of the mean brightness added everywhere, so that nothing is never drawn
 
 
@@ -86,9 +87,9 @@ def turned(direction: Float[Tensor, "P 3"], angle: float) -> Float[Tensor, "P 3"
 
 
 def looked_up(image: Float[Tensor, "H W C"] | Texture, uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
-    """Bilinear; columns go round, rows end at the poles. A `Texture` that repeats spares its making."""
+    """Bilinear; columns go round, rows end at the poles."""
     texture = Texture.of(image, "repeat")
-    half = 0.5 / (texture.planes.shape[2] - 2)
+    half = 0.5 / texture.planes.shape[2]
     return texture.at(torch.stack([uv[:, 0], uv[:, 1].clamp(half, 1 - half)], -1))
 
 
@@ -108,21 +109,40 @@ def solid_angle(height: int, width: int) -> Float[Tensor, " H"]:
     return 2 * math.pi / width * (edges[:-1] - edges[1:])
 
 
+def power(image: Float[Tensor, "H W D"], widest: int) -> Float[Tensor, "h w D"]:
+    """Radiance × solid angle, summed into cells as by `gathered`."""
+    height, width = image.shape[:2]
+    narrow = _merged(image, 1, min(width, widest))
+    angle = solid_angle(height, width).to(narrow)
+    return _merged(narrow * angle[:, None, None], 0, _rows(height, width, widest))
+
+
 def gathered(values: Float[Tensor, "H W D"], widest: int) -> Float[Tensor, "h w D"]:
     """Values summed into cells of a panorama at most `widest` wide; none are lost or counted twice."""
     height, width = values.shape[:2]
-    if width <= widest:
+    return _merged(_merged(values, 1, min(width, widest)), 0, _rows(height, width, widest))
+
+
+def _rows(height: int, width: int, widest: int) -> int:
+    """Rows of a panorama after it became at most `widest` wide."""
+    return height if width <= widest else max(1, round(height * widest / width))
+
+
+def _merged(values: Float[Tensor, "H W D"], axis: int, cells: int) -> Float[Tensor, "h w D"]:
+    """Rows (0) or columns (1) summed into `cells` equal spans; one across an edge is divided."""
+    count = values.shape[axis]
+    if count == cells:
         return values
-    rows = _merged(values, max(1, round(height * widest / width)))
-    return _merged(rows.transpose(0, 1), widest).transpose(0, 1)
+    if count % cells == 0:
+        return values.unflatten(axis, (cells, -1)).sum(axis + 1)
+    edge = torch.arange(cells + 1, dtype=torch.float64) * count / cells
+    before = edge.long().clamp_max(count - 1)
+    share = (edge - before)[:, None, None]
 
+    def summed(part: Tensor) -> Tensor:
+        part = part.movedim(axis, 0)
+        total = torch.cat([torch.zeros_like(part[:1]), part]).double().cumsum(0)
+        upto = torch.lerp(total[before], total[before + 1], share)
+        return (upto[1:] - upto[:-1]).movedim(0, axis)
 
-def _merged(values: Float[Tensor, "H W D"], cells: int) -> Float[Tensor, "h W D"]:
-    """Rows summed into `cells` equal spans; a row across an edge is divided."""
-    if values.shape[0] % cells == 0:
-        return values.unflatten(0, (cells, -1)).sum(1)
-    total = torch.cat([torch.zeros_like(values[:1]), values]).double().cumsum(0)
-    edge = torch.arange(cells + 1, dtype=torch.float64) * values.shape[0] / cells
-    before = edge.long().clamp_max(values.shape[0] - 1)
-    upto = torch.lerp(total[before], total[before + 1], (edge - before)[:, None, None].to(total))
-    return upto[1:] - upto[:-1]
+    return torch.cat([summed(part) for part in values.split(STRIP, 1 - axis)], 1 - axis)

@@ -4,8 +4,9 @@ import math
 
 import torch
 
+from texsss.light import panorama
 from texsss.light.emitters import Spots
-from texsss.light.panorama import direction, gathered, looked_up, place, solid_angle, turned
+from texsss.light.panorama import direction, looked_up, place, solid_angle, turned
 from texsss.numerics.sampling import Texture
 from texsss.types import Float, Tensor
 
@@ -30,9 +31,7 @@ def spots_of(image: Float[Tensor, "H W 3"], intensity: float, rotation: float) -
 
     See `ImageEnvironment` for the arguments. Without gradients.
     """
-    grey = image.detach().mean(-1, keepdim=True)
-    angle = solid_angle(*grey.shape[:2]).to(grey)[:, None, None]
-    power = gathered(grey * angle, _WIDEST)[..., 0]
+    power = panorama.power(image.detach().mean(-1, keepdim=True), _WIDEST)[..., 0].to(image)
     height, width = power.shape
     angle = solid_angle(height, width).to(power)[:, None]
     level = brightest_of_the_rest(power)

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from torch.nn.functional import grid_sample, pad
+import torch
+from torch.nn.functional import grid_sample
 
 from texsss.types import Float, Tensor
 
@@ -12,35 +13,44 @@ Wrap = Literal["clamp", "repeat"]
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image laid out for many look-ups; make it by `Texture.of`.
+    """An image and how it goes on outside its square; make it by `Texture.of`.
 
-    `planes`: one plane per channel; with `repeat` a texel of the opposite edge lies around them.
+    `planes`: a view of the image, one plane per channel: nothing is copied.
     """
 
-    planes: Float[Tensor, "1 C h w"]
+    planes: Float[Tensor, "1 C H W"]
     wrap: Wrap
 
     @classmethod
     def of(cls, image: "Float[Tensor, 'H W C'] | Texture", wrap: Wrap = "clamp") -> "Texture":
         """`image` outside of whose square its edge goes on (`clamp`) or it is tiled (`repeat`)."""
-        if isinstance(image, Texture):
-            return image
-        planes = image.permute(2, 0, 1)[None]
-        return cls(
-            pad(planes, (1, 1, 1, 1), mode="circular") if wrap == "repeat" else planes.contiguous(), wrap
-        )
+        return image if isinstance(image, Texture) else cls(image.permute(2, 0, 1)[None], wrap)
 
     def at(self, uv: Float[Tensor, "P 2"]) -> Float[Tensor, "P C"]:
         """Values interpolated between texel centres; see `bilinear`."""
-        place = 2 * uv - 1
         if self.wrap == "repeat":
-            height, width = self.planes.shape[2:]
-            # the square of one tile, as a share of what `planes` hold
-            inner = uv.new_tensor([(width - 2) / width, (height - 2) / height])
-            place = (2 * (uv - uv.detach().floor()) - 1) * inner
-        grid = place.to(self.planes.dtype)[None, None]
+            uv = uv - uv.detach().floor()
+        grid = (2 * uv - 1).to(self.planes.dtype)[None, None]
         found = grid_sample(self.planes, grid, mode="bilinear", padding_mode="border", align_corners=False)
-        return found[0, :, 0].T.contiguous()
+        found = found[0, :, 0].T.contiguous()
+        if self.wrap == "clamp":
+            return found
+        size = uv.new_tensor(self.planes.shape[:1:-1])
+        place = uv.detach() * size
+        # between the last centres of one tile and the first of the next
+        rim = ((place < 0.5) | (place > size - 0.5)).any(1).nonzero()[:, 0]
+        return found.index_copy(0, rim, self._tiled(uv[rim], size)) if len(rim) else found
+
+    def _tiled(self, uv: Float[Tensor, "P 2"], size: Float[Tensor, "2"]) -> Float[Tensor, "P C"]:
+        """As `at`, for few points: their four texels one by one. `size`: width and height."""
+        image = self.planes[0].permute(1, 2, 0)
+        place = uv * size - 0.5
+        low = place.detach().floor()
+        x, y = (place - low).to(image)[:, None].unbind(-1)
+        left, top = low.remainder(size).long().unbind(-1)
+        right, bottom = (low + 1).remainder(size).long().unbind(-1)
+        upper = torch.lerp(image[top, left], image[top, right], x)
+        return torch.lerp(upper, torch.lerp(image[bottom, left], image[bottom, right], x), y)
 
 
 def bilinear(
