@@ -27,7 +27,7 @@ from texsss.transport.lattice import Blur
 from texsss.transport.levels import Level
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
-from texsss.transport.operators import Operators, Step, surface_operators
+from texsss.transport.operators import Operators, surface_operators
 from texsss.transport.poisson import diffuse_poisson
 from texsss.transport.runs import Runs
 from texsss.transport.through import Across, on_one_side, transmitted
@@ -39,7 +39,7 @@ from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
 # what results that last on disk are made of
-KINDS = (Operators, Step, Kernel, Level, Ways, Blur, Runs, Sparse)
+KINDS = (Operators, Kernel, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 LOOKS_PER_MARCH = 4  # of an environment's samples: rays of a pixel and neighbours add up to the rest
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."

@@ -59,17 +59,19 @@ def test_light_crosses_seams_as_on_the_whole_surface():
     """Against the all-pairs sum Σ G E A / Σ G A in double precision, at every seam of six charts."""
     texels = ball(96)
     values = lit(texels)[:, :1]
-    blurred = surface_operators(texels, LADDER).applied(values)[..., 0].double()
+    ladder = torch.tensor([40.0, 80.0, 160.0, 600.0])  # 1.1 and 1.5 texels, and over lattices
+    blurred = surface_operators(texels, ladder).applied(values)[..., 0].double()
     position = texels.points.position(texels.mesh).double()
     area = texels.area.double()
     sample = torch.arange(0, len(texels), 7)
     squared = torch.cdist(position[sample], position).square()
-    for k in range(1, len(LADDER)):
-        weight = torch.exp(squared / (-2 * float(LADDER[k]))) * area
-        # measured .13 %, .26 % and .33 %
+    for k in range(len(ladder)):
+        weight = torch.exp(squared / (-2 * float(ladder[k]))) * area
+        # measured .13 %, .13 %, .23 % and .43 %
         expected = (weight @ values.double())[:, 0] / weight.sum(1)
         error = (blurred[k][sample] - expected).norm() / expected.norm()
-        assert error < 0.005, f"variance {float(LADDER[k])}: {float(error):.2%}"
+
+        assert error < 0.005, f"variance {float(ladder[k])}: {float(error):.2%}"
 
 
 @pytest.mark.parametrize("variance", [20.0, 300.0])
@@ -167,7 +169,7 @@ def test_steps_know_their_transpose():
     x, y = torch.rand(2, texels.covered_count, 2, generator=torch.Generator().manual_seed(0)).unbind(0)
     assert len(operators.steps) == 3
     for step in operators.steps:
-        torch.testing.assert_close((step.of(x) * y).sum(), (x * step.back(y)).sum(), rtol=1e-4, atol=0)
+        torch.testing.assert_close((step.times(x) * y).sum(), (x * step.back(y)).sum(), rtol=1e-4, atol=0)
 
 
 def test_the_bank_takes_them_in_any_order():

@@ -6,7 +6,7 @@ import torch
 
 from texsss.surface.points import TexelMaps
 from texsss.transport.gutter import BYTES as gutter_bytes
-from texsss.transport.operators import AROUND, AT_ONCE, LATTICE_FROM, edge_for, fine_texel
+from texsss.transport.operators import LATTICE_FROM, edge_for, fine_texel
 from texsss.transport.smoothing import REACH
 from texsss.types import Bool, Float, Tensor
 
@@ -39,8 +39,8 @@ def affordable(
             kept += nodes * (PASSES * deviation / edge + WAYS) + (0 if making else WAYS)
             making = MAKING
         elif deviation > 0:
-            around = CROWDED * math.pi * AROUND**2
-            kept += min(around, CROWDED * math.pi * (REACH * min(deviation, AT_ONCE)) ** 2)
-            making = max(making, 2 * around)  # all pairs, and those within reach
+            around = CROWDED * math.pi * (REACH * deviation) ** 2
+            kept += around
+            making = max(making, around)  # all pairs within reach
         fits[k] = kept + making <= left
     return fits

@@ -1,7 +1,7 @@
 """Gaussian diffusion on the surface itself: fixed sparse operators over texels, blind to charts and seams.
 
 Texture space is only storage here: every Gaussian is a kernel over the 3-D distance between points. Narrow
-ones are made from texel to texel, each from the one before. Of the others, light × area is summed up on
+ones go from texel to texel. Of the others, light × area is summed up on
 lattices in space, where a Gaussian is three short convolutions; on lattices ever coarser, each filled from
 the one before, as variances add in space. What comes back is divided by what comes back of area alone.
 The gutter has no area: it gets what the surface has at its place.
@@ -23,13 +23,10 @@ from texsss.transport.kernels import Kernel
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
 from texsss.transport.loops import room
-from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.transport.smoothing import smoothing
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 LATTICE_FROM = 1.6  # texels; standard deviation from which Gaussians go over lattices
-AT_ONCE = 1.1  # texels; widest exchange between texels: several small ones take less room than a large one
-AROUND = 2.9  # texels; that those exchanges reach
 TRACE = 1e-6  # of a texel: the weight of one on a face without area
 EDGES = 1.2, 2.0  # of a lattice per standard deviation, the least and the most
 COST = 0.6  # edges per standard deviation where that is a texel; more where lattices are small
@@ -37,43 +34,19 @@ APART = 1.25  # edges of lattices, at the least
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """A Gaussian from texel to texel: `kernel`, `times` over, on the result numbered `source`.
-
-    `variance` [mm²]: what comes of it.
-    """
-
-    variance: float
-    source: int
-    kernel: Kernel
-    times: int
-
-    def of(self, x: Float[Tensor, "P C"], out: Float[Tensor, "P C"] | None = None) -> Float[Tensor, "P C"]:
-        """`x` convolved; in `out`, if there is one."""
-        for again in reversed(range(self.times)):
-            x = self.kernel.times(x, None if again else out)
-        return x
-
-    def back(self, x: Float[Tensor, "P C"]) -> Float[Tensor, "P C"]:
-        """The transpose of `of`."""
-        for _ in range(self.times):
-            x = self.kernel.back(x)
-        return x
-
-
-@dataclass(frozen=True, eq=False)
 class Operators:
     """Surface diffusion for one geometry, atlas size and ladder.
 
     `variances` (K,) [mm²], in the order asked for. Results are numbered: 0 is the lightmap, then one per
-    step, then those of all `levels`. `result` (K,): the number that each variance has. `area` (L,) [mm²]:
+    kernel of `steps`, from texel to texel, then those of all `levels`. `result` (K,): the number that each
+    variance has. `area` (L,) [mm²]:
     of the texels that the surface covers, which come first. `share` (W, L): 1 / what comes back of it over
     the levels, for each of their Gaussians. `gutter` (P - L, L): what the other texels make of these.
     """
 
     variances: Float[Tensor, " K"]
     result: tuple[int, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[Kernel, ...]
     levels: tuple[Level, ...]
     area: Float[Tensor, " L"]
     share: Float[Tensor, "W L"]
@@ -89,23 +62,16 @@ class Operators:
         """Memory of all matrices."""
         passes = [m for level in self.levels for b in level.blurs for m in b.along]
         ways = [level.ways for level in self.levels]
-        held = [*(step.kernel for step in self.steps), *passes, *ways, self.gutter]
+        held = [*self.steps, *passes, *ways, self.gutter]
         return sum(matrix.bytes for matrix in held) + 4 * self.share.numel()
 
     def only(self, chosen: Sequence[int]) -> "Operators":
-        """Those of the `chosen` variances, by their places, and what these are made from."""
+        """Those of the `chosen` variances, by their places, and the lattices that these are made from."""
         numbers = {self.result[k] for k in chosen}
-        for number in range(len(self.steps), 0, -1):
-            if number in numbers:
-                numbers.add(self.steps[number - 1].source)
         kept = [number for number in range(1, 1 + self.count) if number in numbers]
         place = {number: 1 + k for k, number in enumerate(kept)} | {0: 0}
         first = 1 + len(self.steps)
-        steps = [
-            replace(self.steps[number - 1], source=place[self.steps[number - 1].source])
-            for number in kept
-            if number < first
-        ]
+        steps = [self.steps[number - 1] for number in kept if number < first]
         levels, used, number = [], 0, first
         for level in self.levels:
             own = [k for k in range(len(level.blurs)) if number + k in numbers]
@@ -141,15 +107,13 @@ class _Applied(torch.autograd.Function):
         lightmap = values[: len(operators.area)]
 
         def own(number: int) -> Tensor:
-            """Where a result goes; those not asked for, elsewhere."""
-            copy = copies[place[number]] if number in place else room(values, *values.shape)
-            return copy[: len(lightmap)]
+            """Where a result goes."""
+            return copies[place[number]][: len(lightmap)]
 
-        made = [lightmap]
         if 0 in place:
             copies[place[0]] = values
         for number, step in enumerate(operators.steps, 1):
-            made.append(step.of(made[step.source], own(number) if number in place else None))
+            step.times(lightmap, own(number))
         first = 1 + len(operators.steps)
         if operators.levels:
             wide = [own(number) for number in range(first, 1 + operators.count)]
@@ -174,11 +138,9 @@ class _Applied(torch.autograd.Function):
             if not number:
                 result += grad[k]
         first = 1 + len(operators.steps)
-        for number, step in reversed(list(enumerate(operators.steps, 1))):
+        for number, step in enumerate(operators.steps, 1):
             if (own := sent[number]) is not None:
-                sent[step.source] = _sum(sent[step.source], step.back(own))
-        if (own := sent[0]) is not None:
-            result[:covered] += own
+                result[:covered] += step.back(own)
         if operators.levels:
             empty = grad.new_zeros(covered, channels)
             wide = [empty if own is None else own for own in sent[first:]]
@@ -215,7 +177,6 @@ def surface_operators(
     for variance in ladder:
         if variance < wide:
             builder.add_step(variance)
-    builder.around = None
     builder.add_levels([v for v in ladder if v >= wide])
     numbers = {v: 1 + i for i, v in enumerate(ladder)} | {0.0: 0}
     return builder.finished(variances, tuple(numbers[float(v)] for v in variances))
@@ -250,9 +211,8 @@ class _Builder:
         own = texels.area[:covered].detach().to(place)
         self.edge = torch.where(own > 0, own.sqrt(), self.typical)
         self.area = own.clamp_min(TRACE * self.typical**2)
-        self.steps: list[Step] = []
+        self.steps: list[Kernel] = []
         self.levels: list[Level] = []
-        self.around: Neighbourhood | None = None
         self.tell(0)
 
     def tell(self, more: int = 1) -> None:
@@ -263,16 +223,8 @@ class _Builder:
             self.progress("operators", self.done / max(self.count, 1))
 
     def add_step(self, variance: float) -> None:
-        """Add the Gaussian of `variance` [mm²], wider than all before, between texels."""
-        once = (AT_ONCE * self.typical) ** 2
-        # each from the lightmap itself as long as that reaches: results of results gather errors
-        source = 0 if variance <= once else len(self.steps)
-        added = variance - (self.steps[source - 1].variance if source else 0)
-        times = math.ceil(added / once)
-        if self.around is None:
-            self.around = neighbourhood(self.place, AROUND * self.typical, self.cancel)
-        kernel = smoothing(self.around, self.area, self.edge, added / times, self.cancel)
-        self.steps.append(Step(variance, source, kernel, times))
+        """Add the Gaussian of `variance` [mm²] between texels."""
+        self.steps.append(smoothing(self.place, self.area, self.edge, variance, self.cancel))
         self.tell()
 
     def add_levels(self, ladder: list[float]) -> None:

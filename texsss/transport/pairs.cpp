@@ -96,16 +96,21 @@ void pairs(int64_t points, const int64_t* key, const int32_t* order, const float
       if (int64_t(near.size()) < candidates) near.resize(candidates), away.resize(candidates);
       for (int64_t i = voxels[v]; i < voxels[v + 1]; i++) {
         int64_t found = 0;
+        if (count) {  // on its own, as it becomes vectors
+          for (int64_t c = 0; c < columns; c++)
+            for (int64_t j = low[c] - key; j < high[c] - key; j++) {
+              const float a = x[j] - x[i], b = y[j] - y[i], d = z[j] - z[i];
+              found += a * a + b * b + d * d < radius_squared;
+            }
+          count[order[i]] = int32_t(found);
+          continue;
+        }
         for (int64_t c = 0; c < columns; c++)
           for (int64_t j = low[c] - key; j < high[c] - key; j++) {
             const float a = x[j] - x[i], b = y[j] - y[i], d = z[j] - z[i], distance = a * a + b * b + d * d;
             near[found] = int32_t(j), away[found] = distance;
             found += distance < radius_squared;
           }
-        if (count) {
-          count[order[i]] = int32_t(found);
-          continue;
-        }
         const int64_t to = start[order[i]];
         for (int64_t n = 0; n < found; n++) column[to + n] = order[near[n]], squared[to + n] = away[n];
       }
@@ -113,12 +118,14 @@ void pairs(int64_t points, const int64_t* key, const int32_t* order, const float
   });
 }
 
-// Per row: the sum of weights, and of weights times squared distances, over the pairs that `reach` keeps
-void moments(int64_t rows, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
+// Per row that is `asked` for: the sum of weights, and of weights times squared distances, over the pairs that
+// `reach` keeps
+void moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
              float reach, const float* sharpness, const float* area, float* sum, float* moment, int64_t threads) {
   parallel(rows, threads, [=](int64_t first, int64_t last) {
     std::vector<float> weight;
     for (int64_t i = first; i < last; i++) {
+      if (!asked[i]) continue;
       const int64_t from = start[i], n = start[i + 1] - from;
       if (int64_t(weight.size()) < n) weight.resize(n);
       float* w = weight.data();
@@ -153,22 +160,31 @@ void entries(int64_t rows, const int32_t* from, const int32_t* point, const floa
             if ((widest[i] + widest[point[k]]) * squared[k] < reach) work(i, point[k], squared[k]);
       };
       seen.clear(from[end] - from[top]);
+      int32_t far = 0;
       each([&](int64_t i, int64_t j, float) {
-        if (std::abs(j - i) < near) seen.at(int32_t(j - i)).times++;
+        if (std::abs(j - i) < near)
+          seen.at(int32_t(j - i)).times++;
+        else
+          far++;
       });
-      int32_t p = diagonals ? 0 : start[s], q = diagonals ? 0 : single[s];
+      if (diagonals) {
+        int32_t alike = 0;
+        for (int32_t slot : seen.used) {
+          const int32_t times = seen.table[slot].times;
+          alike += times >= ALIKE, far += times < ALIKE ? times : 0;
+        }
+        diagonals[s] = alike, singles[s] = far;
+        continue;
+      }
+      int32_t p = start[s], q = single[s];
       for (int32_t slot : seen.used) {
         auto& entry = seen.table[slot];
         entry.place = entry.times < ALIKE ? -1 : p++;
-        if (!diagonals && entry.place >= 0) distance[entry.place] = entry.distance;
+        if (entry.place >= 0) distance[entry.place] = entry.distance;
       }
-      if (!diagonals) std::fill(total + top, total + end, 0.0f);
+      std::fill(total + top, total + end, 0.0f);
       each([&](int64_t i, int64_t j, float d) {
         const int32_t place = std::abs(j - i) < near ? seen.at(int32_t(j - i)).place : -1;
-        if (diagonals) {
-          q += place < 0;
-          return;
-        }
         const int16_t w = int16_t(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * d) + 0.5f);
         total[i] += float(w) * area[j];
         if (place < 0)
@@ -176,7 +192,6 @@ void entries(int64_t rows, const int32_t* from, const int32_t* point, const floa
         else
           weight[int64_t(place) * STRIP + i - top] = w;
       });
-      if (diagonals) diagonals[s] = p, singles[s] = q;
     }
   });
 }

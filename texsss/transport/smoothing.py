@@ -9,10 +9,10 @@ import torch
 from texsss.numerics.sparse import starts
 from texsss.transport.kernels import NEAR, STRIP, WHOLE, Kernel, kernel_of
 from texsss.transport.loops import call, making
-from texsss.transport.neighbours import Neighbourhood
+from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 
-REACH = 2.5  # the kernel ends at this many standard deviations; its variance is right all the same
+REACH = 2.8  # the kernel ends at this many standard deviations; its variance is right all the same
 UNEVEN = 1.5  # points as many times the typical distance apart get no wider kernel
 ROUNDS = 2  # of correcting widths
 COARSE = 0.6  # of a distance; narrower deviations are corrected, as samples miss the variance of no others
@@ -21,25 +21,26 @@ ROWS = 1 << 14  # worked on at once: temporaries stay in the cache
 
 
 def smoothing(
-    around: Neighbourhood,
+    place: Float[Tensor, "P 3"],
     area: Float[Tensor, " P"],
     edge: Float[Tensor, " P"],
     variance: float,
     cancel: Cancel | None = None,
 ) -> Kernel:
-    """The Gaussian mean over points of `area` [mm²], about `edge` [mm] apart.
+    """The Gaussian mean over points at `place` [mm], of `area` [mm²], about `edge` [mm] apart.
 
     Weights are exp(-d² (β_i + β_j) / 2). Where points are few for that, β is such that the row has
     `variance` [mm²] as sampled and cut. Areas are above 0. Raises Cancelled.
     """
     typical = float(edge.median())
     widest = 0.5 / sampled_width(variance, edge.clamp_max(UNEVEN * typical))
+    around = neighbourhood(place, REACH / math.sqrt(2 * float(widest.min())), cancel)
     coarse = variance < (COARSE * edge) ** 2
     kind = _Looped if making(area, edge) is not None else _Listed
     pairs, sharpness = kind(around, area, widest, cancel), widest
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if bool(coarse.any()) else 0):
         check_cancelled(cancel)
-        sums, moments = pairs.moments(sharpness)
+        sums, moments = pairs.moments(sharpness, coarse)
         # two axes share the mean squared distance
         wrong = moments / sums / (2 * variance)
         sharpness = sharpness * torch.where(coarse & (wrong > 0), wrong, 1).clamp(0.5, 2)
@@ -51,19 +52,19 @@ class _Looped:
 
     def __init__(self, around: Neighbourhood, area: Tensor, widest: Tensor, cancel: Cancel | None):
         self.area, self.found = area, making(area)
-        self.pairs = len(area), around.start, around.column, around.squared, widest, float(REACH**2)
+        self.pairs = around.start, around.column, around.squared, widest, float(REACH**2)
 
-    def moments(self, sharpness: Tensor) -> tuple[Tensor, Tensor]:
-        """Sums of weight × area, and of that times the squared distance, of every row."""
+    def moments(self, sharpness: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
+        """Sums of weight × area, and of that times the squared distance, of rows `asked` for; else 0."""
         assert self.found is not None
-        sums, moments = torch.empty(2, *sharpness.shape).unbind(0)
-        call(self.found.moments, *self.pairs, sharpness, self.area, sums, moments)
+        sums, moments = torch.zeros(2, *sharpness.shape).unbind(0)
+        call(self.found.moments, len(asked), asked, *self.pairs, sharpness, self.area, sums, moments)
         return sums, moments
 
     def kernel(self, sharpness: Tensor) -> Kernel:
         """The kernel of that sharpness."""
         assert self.found is not None
-        args = *self.pairs, sharpness, self.area, float(WHOLE), NEAR
+        args = len(sharpness), *self.pairs, sharpness, self.area, float(WHOLE), NEAR
         strips = -(-len(sharpness) // STRIP)
         diagonals, singles = torch.empty(2, strips, dtype=torch.int32).unbind(0)
         call(self.found.entries, *args, diagonals, singles, *[None] * 8)
@@ -85,8 +86,8 @@ class _Listed:
         self.area, self.cancel = area, cancel
         self.near = [_near(around, widest, rows) for rows in _rows(area, cancel)]
 
-    def moments(self, sharpness: Tensor) -> tuple[Tensor, Tensor]:
-        """Sums of weight × area, and of that times the squared distance, of every row."""
+    def moments(self, sharpness: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
+        """Sums of weight × area, and of that times the squared distance, of every row, `asked` for or not."""
         sums, moments = torch.empty_like(self.area), torch.empty_like(self.area)
         for rows, part in zip(_rows(self.area, self.cancel), self.near, strict=True):
             weight = part.weight(sharpness, rows).mul_(self.area.index_select(0, part.column))
