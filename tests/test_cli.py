@@ -346,11 +346,15 @@ def test_every_fault_comes_with_its_remedy(texsss, tmp_path):
         assert words in said, words
 
 
-def test_inspect_unwraps_anew_on_request(texsss, cube):
-    done = texsss("inspect", cube, "--uv", "fallback", "--unit-mm", 10, "--size", 64, "--json")
+def test_inspect_unwraps_anew_on_request(texsss, cube, tmp_path):
+    options = ("--unit-mm", 10, "--size", 64, "--picture", tmp_path / "uv.png")
+    done = texsss("inspect", cube, "--uv", "fallback", "--json", *options)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["atlas"]["origin"] == "fallback" and len(found["kernel"]) == 2
+    assert found["atlas"]["origin"] == "fallback" and len(found["kernel"]) == 2 and found["uv"] is None
+    assert "uv.png shows those that light gets (fallback), as cube has no" in found["picture"]
+    with Image.open(tmp_path / "uv.png") as picture:  # enlarged, with its legend below
+        assert picture.width == 512 and picture.height > 512
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,8 @@ def inspect(
     sandbox: "Sandbox | None",
     as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
     picture: Annotated[
-        Path | None, typer.Option(help="Write a PNG of the texture coordinates that shows where.")
+        Path | None,
+        typer.Option(help="Write a PNG of the texture coordinates that shows where, with a legend."),
     ] = None,
 ) -> None:
     """Examines a mesh before baking: texture coordinates, topology, scale; says what to do."""
@@ -100,6 +101,8 @@ def inspect(
             show_table(part, found[part])
     for sentence in [*found["kernel"], *found["faults"], *found["advice"]]:
         print(f"- {sentence}")
+    if picture is not None:
+        print(found["picture"])
 
 
 @app.command()

@@ -5,9 +5,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from texsss.curve import curve
-from texsss.errors import ShapeError
 from texsss.io.images import write_png
+from texsss.io.sheet import with_legend
 from texsss.pipeline import Run
+from texsss.surface._uv_picture import COLOURS
 from texsss.surface.doctor import UvReport, examine
 from texsss.surface.topology import Edges, edge_report
 
@@ -22,24 +23,29 @@ LARGE_SHARE = 0.25  # of the object's height that light may cross before flat pr
 def inspect(run: Run, picture: Path | None = None) -> dict:
     """What was found and what to do about it, as plain values.
 
-    `picture`: a PNG to write that shows where in the author's texture coordinates.
+    `picture`: a PNG to write that shows where in the author's texture coordinates, or without any in those of
+    the atlas.
 
     `mesh`: counts, size [mm], unit. `uv`: the doctor's report on the author's texture coordinates, or
     None without. `atlas`: what the light would be stored in. `scale`: lengths of the scattering per
     channel in mm, texels and as a share of the object's height; `radius`: within which 99 % of the light
     comes back. `kernel`: what these lengths mean for this bake. `faults`: what is wrong with coordinates and
-    edges, each with its remedy. `advice`: what a bake would note, the worst first.
+    edges, each with its remedy. `advice`: what a bake would note, the worst first. `picture`: what it shows,
+    a sentence, only if one was asked for.
     """
     mesh, notes = run.mesh.value
     size = run.scene.atlas.texels
-    report = None
-    if mesh.source_uv is not None:
-        report, image = examine(mesh, mesh.source_uv, (size, size), run.cancel)
-        if picture is not None:
-            write_png(picture, image)
-    elif picture is not None:
-        raise ShapeError(f"inspect: {mesh.name} has no texture coordinates to show; leave --picture out.")
     atlas, texels, spread = run.atlas.value, run.texels.value, curve(run)
+    own = mesh.source_uv
+    report = None
+    if own is not None or picture is not None:
+        report, image = examine(mesh, atlas.uv if own is None else own, (size, size), run.cancel)
+        if picture is not None:
+            write_png(picture, with_legend(image, legend(report)))
+    shows = f"the author's texture coordinates of {mesh.name}"
+    if own is None:
+        shows = f"those that light gets ({atlas.origin}), as {mesh.name} has no texture coordinates"
+        report = None
     texel = texels.texel_mm
     lengths = {
         "mean_free_path": spread["mean_free_path_mm"],
@@ -53,7 +59,7 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
     for name, length in lengths.items():
         for unit, one in (("mm", 1.0), ("texels", texel), ("share", height)):
             scale[f"{name}_{unit}"] = [None if mm is None else mm / one for mm in length]
-    return {
+    found = {
         "mesh": {
             "name": mesh.name,
             "faces": notes.faces,
@@ -69,6 +75,22 @@ def inspect(run: Run, picture: Path | None = None) -> dict:
         "kernel": kernel(max(back, default=0.0), texel, height, mesh.name, size),
         "advice": run.advice,
     }
+    return found if picture is None else found | {"picture": f"{picture} shows {shows}."}
+
+
+def legend(report: UvReport) -> list[tuple[tuple[float, float, float], str]]:
+    """What the colours of the doctor's picture mean, and how many faces have them."""
+    means = {
+        "sound": "sound",
+        "mirrored": f"mirrored, which is fine: {report.mirrored:,}",
+        "flipped": f"folded back: {report.flipped:,}",
+        "outside": f"outside of the square: {report.outside:,}",
+        "overlap": f"under others: {report.overlapping:,}",
+        "flat": f"no area in uv: {report.flat:,}",
+        "seam": f"borders of charts: {report.atlas.charts:,}",
+        "empty": f"empty: {max(0.0, 1 - report.covered):.0%} of the square",
+    }
+    return [(COLOURS[name], text) for name, text in means.items()]
 
 
 def faults_of_uv(report: UvReport | None) -> list[str]:

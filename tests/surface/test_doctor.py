@@ -4,7 +4,8 @@ import pytest
 import torch
 from charted_shapes import sheet, sphere
 
-from texsss.surface.doctor import COLOURS, examine
+from texsss.surface._uv_picture import COLOURS
+from texsss.surface.doctor import examine
 from texsss.surface.mesh import Mesh
 
 
@@ -28,10 +29,47 @@ def test_mirrors_are_told_from_flips():
     mirror = mesh.source_uv * torch.tensor([-1.0, 1]) + torch.tensor([1.0, 0])
     assert examine(mesh, mirror, (64, 64))[0].mirrored == 32
     folded = (mesh.source_uv - torch.tensor([0.5, 0])).abs() * torch.tensor([2.0, 1])
-    report, picture = examine(mesh, folded, (64, 64))
-    assert (report.mirrored, report.flipped, report.overlapping) == (0, 16, 16)
+    report, picture = examine(mesh, folded, (64, 64))  # halves of one chart that lie on each other
+    assert (report.mirrored, report.flipped, report.overlapping) == (16, 0, 16)
     red = torch.tensor(COLOURS["overlap"])
     assert float((picture - red).abs().amax(-1).lt(1e-6).float().mean()) > 0.95
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_corner_dragged_over_its_neighbours_is_a_fold(mirrored):
+    """Of 128 faces that meet, six surround the corner; dragged by 1.5 cells, those behind it turn."""
+    mesh = sheet(8)
+    uv = mesh.source_uv.clone()
+    uv[(uv - 0.5).abs().amax(-1) < 1e-6] += torch.tensor([1.5 / 8, 0.0])
+    turned = torch.linalg.det(uv[:, 1:] - uv[:, :1]).sign()
+    if mirrored:
+        uv[..., 0] = 1 - uv[..., 0]
+    report, _ = examine(mesh, uv, (64, 64))
+    folds = min(int((turned > 0).sum()), int((turned < 0).sum()))
+    assert 0 < folds < 6 and report.atlas.charts == 1
+    assert (report.flipped, report.mirrored) == (folds, (128 - folds) * mirrored)
+
+
+def shown(picture: torch.Tensor, name: str) -> float:
+    """Share of a picture in a colour."""
+    colour = picture.new_tensor(COLOURS[name])
+    return float((picture - colour).abs().amax(-1).lt(1e-6).float().mean())
+
+
+def test_what_leaves_the_square_or_has_no_area_is_shown():
+    """One of two sheets on the square to the right, as UDIM has it; faces drawn together to a line."""
+    mesh = sheet(4)
+    uv = mesh.source_uv * torch.tensor([2.0, 1])
+    uv[uv[..., 0].mean(1) > 1] += torch.tensor([5e-5, 0])
+    report, picture = examine(mesh, uv, (64, 64))
+    assert report.outside == 16 and picture.shape == (32, 64, 3)
+    assert 0.3 < shown(picture, "outside") < 0.5 and 0.3 < shown(picture, "sound") < 0.5
+    uv = mesh.source_uv.clone()
+    uv[:2] = uv[:2] * torch.tensor([0.0, 1])
+    report, picture = examine(mesh, uv, (64, 64))
+    assert report.flat == 2 and 0.005 < shown(picture, "flat") < 0.05
+    far = mesh.source_uv + 1e6
+    assert examine(mesh, far, (64, 64))[0].outside == 32  # too far to be shown, not to be counted
 
 
 def test_padding_between_two_charts():

@@ -1,4 +1,4 @@
-"""Pictures side by side with labels, and differences in false colours."""
+"""Pictures side by side with labels, with a legend, and differences in false colours."""
 
 import numpy as np
 import torch
@@ -8,6 +8,7 @@ from texsss.errors import ShapeError
 from texsss.types import Float, Tensor
 
 GAP = 6  # pixels between panels
+LEGEND = 480  # pixels that two columns of a legend take at least
 PAPER, INK, SOFT = (24, 26, 30), (236, 238, 240), (160, 166, 174)
 WARM, COOL, NEUTRAL = (1.0, 0.42, 0.12), (0.15, 0.5, 1.0), 0.16
 
@@ -39,6 +40,30 @@ def sheet(rows: list[list[Panel]], columns: int) -> Float[Tensor, "h w 3"]:
             pixels = (picture.detach().clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy()
             paper.paste(Image.fromarray(pixels), (left, top + head))
     return torch.from_numpy(np.asarray(paper).copy()).float() / 255
+
+
+def with_legend(
+    image: Float[Tensor, "H W 3"], entries: list[tuple[tuple[float, float, float], str]]
+) -> Float[Tensor, "h w 3"]:
+    """A picture of display values with a line for every (colour, what it means) below it.
+
+    Small pictures are enlarged by a whole number, so that the lines fit beside each other.
+    """
+    scale = -(-LEGEND // image.shape[1])
+    image = image.repeat_interleave(scale, 0).repeat_interleave(scale, 1)
+    width = image.shape[1]
+    line = max(18, round(width / 40))
+    columns = 2
+    rows = -(-len(entries) // columns)
+    paper = Image.new("RGB", (width, rows * line + 2 * GAP), PAPER)
+    draw, font = ImageDraw.Draw(paper), ImageFont.load_default(round(0.7 * line))
+    for k, (colour, text) in enumerate(entries):
+        left, top = GAP + k // rows * (width // columns), GAP + k % rows * line
+        fill = tuple(round(255 * part) for part in colour)
+        draw.rectangle((left, top + 2, left + line - 6, top + line - 4), fill=fill, outline=SOFT)
+        draw.text((left + line + 2, top), text, fill=INK, font=font)
+    below = torch.from_numpy(np.asarray(paper).copy()).float() / 255
+    return torch.cat([image.detach().cpu(), below])
 
 
 def difference_map(difference: Float[Tensor, "H W 3"], full: float) -> Float[Tensor, "H W 3"]:
