@@ -99,10 +99,12 @@ def test_packed_thicknesses_are_within_half_a_unit(boundaries, wide):
     depth = torch.rand(8, 12, boundaries, generator=torch.Generator().manual_seed(2)).cumsum(-1)
     depth[..., 0] = 0.25  # one thickness stays exact
     words, coded = packed(depth, wide)
-    assert words.shape[1:] == (8 + FRAME, 12 + FRAME)
+    assert words.shape[1:] == (8 + FRAME - 1, 12 + FRAME, 2)
+    assert torch.equal(words[:, :-1, :, 1], words[:, 1:, :, 0])  # every texel with that below it
     per_word, bits = {1: (1, 24), 3: (2, 16) if wide else (3, 10)}.get(boundaries, (2, 16))
     unpacked = [
-        (words[i // per_word, :8, :12] >> (bits * (i % per_word))) & (2**bits - 1) for i in range(boundaries)
+        (words[i // per_word, :8, :12, 0] >> (bits * (i % per_word))) & (2**bits - 1)
+        for i in range(boundaries)
     ]
     least, unit = coded.split(boundaries)
     thickness = least + unit * torch.stack(unpacked, -1)

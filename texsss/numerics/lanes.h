@@ -18,8 +18,32 @@ typedef float V __attribute__((vector_size(4 * WIDTH)));
 typedef int32_t I __attribute__((vector_size(4 * WIDTH)));
 
 static inline V all(float x) { return x - V{}; }
+// the second of both where one is NaN
+#if defined(__AVX512F__)
+static inline V lesser(V a, V b) {
+  asm("vminps %1, %0, %0" : "+v"(a) : "v"(b));
+  return a;
+}
+static inline V greater(V a, V b) {
+  asm("vmaxps %1, %0, %0" : "+v"(a) : "v"(b));
+  return a;
+}
+#else
 static inline V lesser(V a, V b) { return a < b ? a : b; }
 static inline V greater(V a, V b) { return a > b ? a : b; }
+#endif
+// whether a comparison holds in some lane
+static inline bool some(I held) {
+#if defined(__AVX512F__)
+  int16_t lanes;
+  asm("vptestmd %1, %1, %0" : "=Yk"(lanes) : "v"(held));
+  return lanes;
+#else
+  for (int i = 0; i < WIDTH; i++)
+    if (held[i]) return true;
+  return false;
+#endif
+}
 static inline V positive(V a) { return greater(a, V{}); }
 static inline V real(I a) { return __builtin_convertvector(a, V); }
 static inline I whole(V a) { return __builtin_convertvector(a, I); }
@@ -64,6 +88,43 @@ static inline I gathered(const int32_t* from, I at) {
   I r = {};
   for (int i = 0; i < WIDTH; i++) r[i] = from[at[i]];
   return r;
+#endif
+}
+// four words in a row from every place, STEP words apart: four gathers of one word each take longer
+template <int STEP>
+static inline void fours(const int32_t* from, I at, I& a, I& b, I& c, I& d) {
+#if defined(__AVX512F__)
+  alignas(64) int32_t place[WIDTH];
+  std::memcpy(place, &at, sizeof place);
+  asm("" : "+m"(place));  // lanes are read from memory: to extract them one by one takes longer
+  struct Four {
+    int32_t words[4];
+  };
+  I part[4];  // a b c d of lanes k, 4 + k, 8 + k, 12 + k
+  for (int k = 0; k < 4; k++) {
+    auto words = [&](int lane) -> const Four& { return *(const Four*)(from + int64_t(place[lane]) * STEP); };
+    I x;
+    asm("vmovdqu32 %1, %x0" : "=v"(x) : "m"(words(k)));
+    asm("vinserti32x4 $1, %1, %0, %0" : "+v"(x) : "m"(words(4 + k)));
+    asm("vinserti32x4 $2, %1, %0, %0" : "+v"(x) : "m"(words(8 + k)));
+    asm("vinserti32x4 $3, %1, %0, %0" : "+v"(x) : "m"(words(12 + k)));
+    part[k] = x;
+  }
+  I ab[2], cd[2];
+  for (int k = 0; k < 2; k++) {
+    asm("vpunpckldq %2, %1, %0" : "=v"(ab[k]) : "v"(part[2 * k]), "v"(part[2 * k + 1]));
+    asm("vpunpckhdq %2, %1, %0" : "=v"(cd[k]) : "v"(part[2 * k]), "v"(part[2 * k + 1]));
+  }
+  asm("vpunpcklqdq %2, %1, %0" : "=v"(a) : "v"(ab[0]), "v"(ab[1]));
+  asm("vpunpckhqdq %2, %1, %0" : "=v"(b) : "v"(ab[0]), "v"(ab[1]));
+  asm("vpunpcklqdq %2, %1, %0" : "=v"(c) : "v"(cd[0]), "v"(cd[1]));
+  asm("vpunpckhqdq %2, %1, %0" : "=v"(d) : "v"(cd[0]), "v"(cd[1]));
+#else
+  a = b = c = d = I{};
+  for (int i = 0; i < WIDTH; i++) {
+    const int32_t* p = from + int64_t(at[i]) * STEP;
+    a[i] = p[0], b[i] = p[1], c[i] = p[2], d[i] = p[3];
+  }
 #endif
 }
 static inline V load(const float* p) {

@@ -16,7 +16,7 @@ constexpr float LEAST_LIGHT_COS = 0.03f, SERIES = 0.25f, LEAST_REST = 1e-7f, PI4
 // ln x for normal x > 0: the exponent, and a series in (m - 1) / (m + 1) of the mantissa
 static inline V logarithm(V x) {
   I bits = (I)x, e = ((bits - 0x3f3504f3) >> 23);
-  V m = (V)(bits - (e << 23)), s = (m - 1) / (m + 1), q = s * s;
+  V m = (V)(bits - (e << 23)), s = (m - 1) * inverse(m + 1), q = s * s;
   V series = 1 + q * (1 / 3.f + q * (0.2f + q * (1 / 7.f + q * (1 / 9.f))));
   return 2 * s * series + real(e) * 0.69314718f;
 }
@@ -26,15 +26,15 @@ static inline V mean_transmission(V start, V end, V at_start, V at_end) {
   I small = (x < SERIES) & (x > -SERIES);
   V series = at_start * (1 - x * (1 / 2.f) * (1 - x * (1 / 3.f) * (1 - x * (1 / 4.f) * (1 - x * (1 / 5.f) *
              (1 - x * (1 / 6.f))))));
-  return small ? series : (at_start - at_end) / (small ? all(1) : x);
+  return small ? series : (at_start - at_end) * inverse(small ? all(1) : x);
 }
 
 // Thicknesses of layers in a tiled texture, as whole numbers packed into words; one texel is repeated beyond
 // the right and lower edge, so that no neighbour needs wrapping.
 struct Texture {
-  const int32_t* words;  // (height + 2, width + 2) per word, one word after the other
+  const int32_t* words;  // (height + 1, width + 2, 2) per word, one word after the other: a texel, that below it
   const float* coded;    // least thickness, then that of one unit, per boundary [mm]
-  const float* maps;     // (height + 2, width + 2) per coefficient
+  const float* maps;     // (height + 2, width + 2, KEPT): coefficients of every texel
   int height, width;
   float down, across;  // 1 / height, 1 / width
 };
@@ -59,17 +59,14 @@ static inline V blend(const Corner& k, V a, V b, V c, V d) {
 
 static inline void look_up(const Texture& t, V x, V y, V depth[B]) {
   Corner k = corner(t, x, y);
-  const int row = t.width + 2, plane = row * (t.height + 2), mask = (1 << BITS) - 1;
+  const int mask = (1 << BITS) - 1;
+  const size_t plane = size_t(t.width + 2) * (t.height + 1) * 2;
   V sum = {};
   I a = {}, b = {}, c = {}, d = {};
 #pragma GCC unroll 16
   for (int i = 0; i < B; i++) {
     const int shift = BITS * (i % PER_WORD);
-    if (shift == 0) {
-      const int32_t* p = t.words + plane * (i / PER_WORD);
-      a = gathered(p, k.at), b = gathered(p + 1, k.at);
-      c = gathered(p + row, k.at), d = gathered(p + row + 1, k.at);
-    }
+    if (shift == 0) fours<2>(t.words + plane * (i / PER_WORD), k.at, a, c, b, d);
     V unit = blend(k, real((a >> shift) & mask), real((b >> shift) & mask), real((c >> shift) & mask),
                    real((d >> shift) & mask));
     sum += t.coded[i] + t.coded[B + i] * unit;
@@ -83,6 +80,7 @@ typedef V K;
 #else
 typedef float K;
 #endif
+constexpr int COUNT = L * (2 * C + G), KEPT = (COUNT + 3) / 4 * 4;
 struct Coefficients {
   K sigma_s[L][C], sigma_t[L][C], g[L][G];
 };
@@ -90,12 +88,16 @@ struct Coefficients {
 static inline void coefficients(const Texture& t, const float* numbers, V x, V y, Coefficients& m) {
 #if MAPPED
   Corner k = corner(t, x, y);
-  const int row = t.width + 2, plane = row * (t.height + 2);
+  const size_t row = size_t(t.width + 2) * KEPT;
   K* out = &m.sigma_s[0][0];
-  for (int i = 0; i < L * (2 * C + G); i++) {
-    const int32_t* p = (const int32_t*)(t.maps + (size_t)plane * i);
-    out[i] = blend(k, (V)gathered(p, k.at), (V)gathered(p + 1, k.at), (V)gathered(p + row, k.at),
-                   (V)gathered(p + row + 1, k.at));
+  for (int i = 0; i < KEPT; i += 4) {
+    const int32_t* p = (const int32_t*)t.maps + i;
+    I a[4], b[4], c[4], d[4];
+    fours<KEPT>(p, k.at, a[0], a[1], a[2], a[3]);
+    fours<KEPT>(p + KEPT, k.at, b[0], b[1], b[2], b[3]);
+    fours<KEPT>(p + row, k.at, c[0], c[1], c[2], c[3]);
+    fours<KEPT>(p + row + KEPT, k.at, d[0], d[1], d[2], d[3]);
+    for (int j = 0; j < 4 && i + j < COUNT; j++) out[i + j] = blend(k, (V)a[j], (V)b[j], (V)c[j], (V)d[j]);
   }
 #else
   (void)t, (void)x, (void)y;
@@ -130,23 +132,30 @@ static inline Place place(const Texture& tex, const Ray& r, V fraction) {
 // The way of one light to M
 struct Entry {
   V way, boundary[B], arrives, straight, cosine;
+  V near, stretch;
+  bool lit;  // in some lane
 };
 
-static inline Entry entry(const Texture& tex, const Ray& r, const Lamp& l, const Place& m) {
+static inline Entry entry(const Ray& r, const Lamp& l, const Place& m) {
   Entry e;
   V near = l.nearness * m.t;
   V stretch = inverse_root(greater(1 + near * (2 * l.light_view + near), all(1e-4f)));
   V facing = (m.rest * (l.light_n + near * r.view_n) + m.fraction * (l.light_s + near * r.view_s)) * stretch * m.shrink;
   e.cosine = greater(facing, all(LEAST_LIGHT_COS));
   V slant = inverse(e.cosine);
-  e.way = m.height * slant;
-  V reach = e.way * stretch, depth[B];
-  look_up(tex, m.x + reach * (l.aside_x - near * r.dx), m.y + reach * (l.aside_y - near * r.dy), depth);
-  for (int i = 0; i < B; i++) e.boundary[i] = 0.5f * (m.depth[i] + depth[i]) * slant;
+  e.way = m.height * slant, e.near = near, e.stretch = stretch;
   V seen = l.first + (l.second - l.first) * lesser(m.fraction * r.nearer, all(1));
   e.arrives = facing > 0 ? seen * stretch * stretch : V{};
   e.straight = (l.light_view + near) * stretch;
+  e.lit = some(e.arrives > 0);
   return e;
+}
+
+// The boundaries along it
+static inline void enter(const Texture& tex, const Ray& r, const Lamp& l, const Place& m, Entry& e) {
+  V reach = e.way * e.stretch, half = 0.5f * inverse(e.cosine), depth[B];
+  look_up(tex, m.x + reach * (l.aside_x - e.near * r.dx), m.y + reach * (l.aside_y - e.near * r.dy), depth);
+  for (int i = 0; i < B; i++) e.boundary[i] = (m.depth[i] + depth[i]) * half;
 }
 
 static inline V scattered(V cosine, V g) {
@@ -201,6 +210,7 @@ static void uniform(const Texture& tex, const float* numbers, const Ray& r, cons
     Place m = place(tex, r, positive((float(n) + jitter) * share));
     coefficients(tex, numbers, m.x, m.y, k);
     V below = m.t * r.view_s, here[C], gain[C], g[G];
+    if (!ENDLESS && !some(below < m.depth[B - 1])) continue;  // all lanes have passed the last layer
     for (int c = 0; c < C; c++) here[c] = ENDLESS ? any(k.sigma_t[L - 1][c]) : V{}, gain[c] = ENDLESS ? any(k.sigma_s[L - 1][c]) : V{};
     for (int c = 0; c < G; c++) g[c] = any(k.g[L - 1][c]);
     for (int i = B - 1; i >= 0; i--) {
@@ -210,7 +220,9 @@ static void uniform(const Texture& tex, const float* numbers, const Ray& r, cons
     }
     for (int j = 0; j < lights; j++) {
       const Lamp& l = lamps[j];
-      Entry e = entry(tex, r, l, m);
+      Entry e = entry(r, l, m);
+      if (!e.lit) continue;
+      enter(tex, r, l, m, e);
       V within[L], phase[G];
       crossed(e.way, e.boundary, within);
       for (int c = 0; c < G; c++) phase[c] = e.arrives * step * scattered(e.straight, g[c]);
@@ -223,7 +235,10 @@ static void uniform(const Texture& tex, const float* numbers, const Ray& r, cons
     for (int j = 0; j < lights; j++) {
       Place m = place(tex, r, all(1));
       coefficients(tex, numbers, m.x, m.y, k);
-      tail(k, r, lamps[j], entry(tex, r, lamps[j], m), s);
+      Entry e = entry(r, lamps[j], m);
+      if (!e.lit) continue;
+      enter(tex, r, lamps[j], m, e);
+      tail(k, r, lamps[j], e, s);
     }
 }
 
@@ -252,13 +267,13 @@ struct Before {
 
 static void exact(const Texture& tex, const float* numbers, const Ray& r, const Lamp* lamps, int lights, float rate,
                   int samples, Before* before, State& s) {
-  V beta = lesser(greater(r.length * rate, all(0.05f)), all(9.0f)), gone = 1 - decay(beta);
+  V beta = lesser(greater(r.length * rate, all(0.05f)), all(9.0f)), gone = 1 - decay(beta), crowded = inverse(beta);
   Place m0{};
   Coefficients k0{}, k1, k;
   V at[L + 1], so_far[L + 1][C], stretch[L];
   for (int n = 0; n <= samples; n++) {
     // dense where light is; the first logarithm is 0 but for rounding
-    V knot = n == 0 ? V{} : n == samples ? all(1) : -logarithm(1 - float(n) / float(samples) * gone) / beta;
+    V knot = n == 0 ? V{} : n == samples ? all(1) : -logarithm(1 - float(n) / float(samples) * gone) * crowded;
     Place m1 = place(tex, r, knot);
     coefficients(tex, numbers, m1.x, m1.y, k1);
     if (n > 0) {
@@ -270,7 +285,7 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
       for (int i = 0; i < B; i++) {
         V left0 = m0.depth[i] - m0.t * r.view_s, left1 = m1.depth[i] - m1.t * r.view_s;
         V most = positive(greater(left0, left1)), least = positive(-lesser(left0, left1));
-        above[i + 1] = greater(most / greater(most + least, all(1e-30f)), above[i]);
+        above[i + 1] = greater(most * inverse(greater(most + least, all(1e-30f))), above[i]);
         rising |= (left1 > 0) & (left0 <= 0);
       }
       if (ENDLESS) above[L] = all(1);
@@ -287,7 +302,14 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
       }
       for (int j = 0; j < lights; j++) {
         Before& b = before[j];
-        Entry e = entry(tex, r, lamps[j], m1);
+        const Lamp& l = lamps[j];
+        Entry e = entry(r, l, m1);
+        if (!e.lit && !b.entry.lit) {
+          b.entry = e;
+          continue;
+        }
+        if (!b.entry.lit) enter(tex, r, l, m0, b.entry);  // left out before
+        enter(tex, r, l, m1, e);
         V share[L][G];
         for (int i = 0; i < L; i++)
           for (int c = 0; c < G; c++) {
@@ -295,13 +317,15 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
             share[i][c] = 0.5f * (b.share[i][c] + next);
             b.share[i][c] = next;
           }
-        gather(k, lamps[j], b.entry, e, share, at, so_far, stretch, s);
+        gather(k, l, b.entry, e, share, at, so_far, stretch, s);
         b.entry = e;
       }
       for (int c = 0; c < C; c++) s.passed[c] += whole_step[c];
     } else {
       for (int j = 0; j < lights; j++) {
-        Entry e = before[j].entry = entry(tex, r, lamps[j], m1);
+        Entry e = entry(r, lamps[j], m1);
+        if (e.lit) enter(tex, r, lamps[j], m1, e);
+        before[j].entry = e;
         for (int i = 0; i < L; i++)
           for (int c = 0; c < G; c++) before[j].share[i][c] = e.arrives * scattered(e.straight, any(k1.g[i][c]));
       }
@@ -309,7 +333,8 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
     m0 = m1, k0 = k1;
   }
   if (ENDLESS)
-    for (int j = 0; j < lights; j++) tail(k1, r, lamps[j], before[j].entry, s);
+    for (int j = 0; j < lights; j++)
+      if (before[j].entry.lit) tail(k1, r, lamps[j], before[j].entry, s);
 }
 
 // Points first … last of `points`; `rays` (11, points), `lights` (count, 11, points), `jitter` (points) or null;

@@ -45,7 +45,7 @@ class Fused:
             wide[2] = wide[2][..., :1]
         if mapped:
             flat = [x.expand(height, width, *x.shape[-2:]).flatten(2) for x in wide]
-            self._maps = framed(torch.cat(flat, -1))
+            self._maps = side_by_side(torch.cat(flat, -1))
             self._numbers = home.new_zeros(1)
         else:
             self._maps = home.new_zeros(1)
@@ -62,6 +62,9 @@ class Fused:
     ) -> Float[Tensor, "P 3"]:
         """Radiance inside [W/(m² sr)]; exact steps are spaced by `rate`."""
         points = ray.shape[1]
+        # the loop reads them as they lie
+        assert ray.dtype == lights.dtype == torch.float32 and lights.shape[1:] == ray.shape
+        assert jitter is None or (jitter.dtype == torch.float32 and len(jitter) == points)
         tables = [x.contiguous() for x in (ray, lights)]
         shift = None if jitter is None else jitter.contiguous()
         result = ray.new_empty(3, points)
@@ -84,6 +87,12 @@ class Fused:
         return result.T
 
 
+def side_by_side(maps: Float[Tensor, "H W N"]) -> Float[Tensor, "h w n"]:
+    """The maps, tiled beyond the right and the lower edge, with zeros up to a multiple of four per texel."""
+    padded = torch.nn.functional.pad(maps, (0, -maps.shape[-1] % 4))
+    return framed(padded).permute(1, 2, 0).contiguous()
+
+
 def _loop(
     boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool, wide: bool
 ) -> ctypes.CDLL | None:
@@ -103,7 +112,8 @@ def _needs_more(interior: Interior) -> bool:
 
 
 def packed(depth: Float[Tensor, "H W B"], wide: bool = False) -> tuple[Tensor, Float[Tensor, " 2*B"]]:
-    """Depths as 32-bit words (words, H + 2, W + 2), and least thickness and unit of each layer [mm].
+    """Depths as pairs of 32-bit words (words, H + 1, W + 2, 2), each with that of the texel below, and
+    least thickness and unit of each layer [mm].
 
     Thicknesses are kept as whole numbers between the least and the greatest of their layer, so that
     boundaries stay in order and layers of one thickness stay exact: 24 bits for one boundary, 16 for two
@@ -111,7 +121,7 @@ def packed(depth: Float[Tensor, "H W B"], wide: bool = False) -> tuple[Tensor, F
     """
     height, width, boundaries = depth.shape
     if boundaries == 0:
-        return framed(torch.zeros(height, width, 1, dtype=torch.int32)), depth.new_zeros(0)
+        return torch.zeros(0, dtype=torch.int32), depth.new_zeros(0)
     per_word = {1: 1, 3: 2 if wide else 3}.get(boundaries, 2)
     bits = {1: 24, 2: 16, 3: 10}[per_word]
     thickness = thicknesses(depth).reshape(-1, boundaries)
@@ -125,4 +135,5 @@ def packed(depth: Float[Tensor, "H W B"], wide: bool = False) -> tuple[Tensor, F
         for i in range(1, min(per_word, boundaries - first)):
             word |= whole[:, first + i] << (bits * i)
         words.append(word.reshape(height, width))
-    return framed(torch.stack(words, -1)), torch.cat([least, unit])
+    framed_words = framed(torch.stack(words, -1))
+    return torch.stack([framed_words[:, :-1], framed_words[:, 1:]], -1), torch.cat([least, unit])
