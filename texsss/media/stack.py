@@ -1,7 +1,8 @@
 """Layers of media on top of each other, and their coefficients per texel."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 import torch
@@ -134,15 +135,16 @@ class Stack:
         """Whether anything is a map."""
         return any(x.ndim == 3 for x in self._given())
 
-    def table(self) -> LayerTable:
+    def table(self, dtype: torch.dtype | None = None) -> LayerTable:
         """Coefficients per row: batch () for a uniform stack, (H, W) where anything is a map.
 
+        In the widest type of them unless told.
         Raises ShapeError: when maps differ in size; `at` looks them up at texture coordinates instead.
         """
         check_same_size("Stack.table", self._given())
-        return self._build(lambda x: x)
+        return self._build(lambda x: x, dtype)
 
-    def at(self, uv: Float[Tensor, "P 2"]) -> LayerTable:
+    def at(self, uv: Float[Tensor, "P 2"], dtype: torch.dtype | None = None) -> LayerTable:
         """Coefficients at texture coordinates, batch (P,); maps are looked up bilinearly and tile.
 
         Their sizes may differ. Differentiable in maps and coefficients.
@@ -154,7 +156,7 @@ class Stack:
                 return bilinear(x, uv, wrap="repeat")
             return x.expand(count, x.shape[0])
 
-        return self._build(look_up)
+        return self._build(look_up, dtype)
 
     def _given(self) -> list[Tensor]:
         return [
@@ -164,7 +166,7 @@ class Stack:
             if x is not None
         ]
 
-    def _build(self, sample) -> LayerTable:
+    def _build(self, sample: Callable[[Tensor], Tensor], dtype: torch.dtype | None) -> LayerTable:
         bottomless = self.layers[-1].thickness is None
         media = [layer.medium for layer in self.layers]
         infinite = media[-1].sigma_a.new_full((1,), float("inf"))
@@ -173,11 +175,18 @@ class Stack:
             for layer in self.layers
         ]
         fields = [[m.sigma_a for m in media], [m.sigma_s for m in media], [m.g for m in media], depths]
-        sampled = [[sample(x) for x in field] for field in fields]
-        every = [x for field in sampled for x in field]
-        shape = np.broadcast_shapes(*(x.shape for x in every))  # torch's imports sympy: a second
-        dtype = every[0].dtype
-        for x in every:
-            dtype = torch.promote_types(dtype, x.dtype)
-        stacked = [torch.stack([x.to(dtype).expand(shape) for x in field], -2) for field in sampled]
-        return LayerTable(*stacked, eta=tuple(m.eta for m in media), bottomless=bottomless)
+        if dtype is None:
+            dtype = reduce(torch.promote_types, (x.dtype for field in fields for x in field))
+        sampled = [[sample(x.to(dtype)) for x in field] for field in fields]
+        shape = np.broadcast_shapes(
+            *(x.shape for field in sampled for x in field)
+        )  # torch's imports sympy: a second
+        fields = [_stacked(field, shape) for field in sampled]
+        return LayerTable(*fields, eta=tuple(m.eta for m in media), bottomless=bottomless)
+
+
+def _stacked(field: list[Tensor], shape: tuple[int, ...]) -> Float[Tensor, "*B L C"]:
+    """One field of all layers at every row; what is alike in all rows or channels takes no memory."""
+    own = np.broadcast_shapes(*(x.shape for x in field))
+    made = torch.stack([x.expand(own) for x in field], -2)
+    return made.expand(*shape[:-1], len(field), shape[-1])

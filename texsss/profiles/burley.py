@@ -42,7 +42,7 @@ def fit_burley(material: Material, *, model: str = "layered-sp3", incidence: Inc
 
     Golden-section search over d, not differentiable. `material`: as for `hankel_profiles`.
     """
-    table = as_table(material).to(torch.float64)
+    table = as_table(material, torch.float64)
     reduced = table.sigma_s[..., 0, :] * (1 - table.g[..., 0, :])
     path = 1 / (table.sigma_a[..., 0, :] + reduced).clamp_min(1e-6)
     s, ds = graded(64, 20 / float(path.min()), grading=7.0)

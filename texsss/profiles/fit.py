@@ -37,7 +37,7 @@ def fit_gaussians(
     Raises DomainError: for unknown names; ConvergenceError: for variances far from the profile's scale.
     """
     choose("fit", fit, FITS)
-    table = as_table(material).to(torch.float64)
+    table = as_table(material, torch.float64)
     if fit == "grid":
         return grid_gaussians(table, drop_below_mfp=drop_below_mfp)[0 if side == "reflectance" else 1]
     options = {"side": side, "model": model, "scattering": scattering, "incidence": incidence}
@@ -61,7 +61,7 @@ def fit_error(
     highest: float | None = None,
 ) -> Float[Tensor, "*B C"]:
     """√∫ r (R - fit)² dr / √∫ r R² dr, up to `highest` [1/mm], 20 / mean free path unless told."""
-    table = as_table(material).to(torch.float64)
+    table = as_table(material, torch.float64)
     s, ds = graded(200, highest or 20 / _mean_free_path(table), grading=7.0)
     flat = flat_profile(table, s, side="reflectance", model=model, incidence=incidence)
     return radial_error(fitted, unflattened(flat, table), s, ds)

@@ -41,18 +41,18 @@ def hankel_profiles(
     whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine. Differentiable
     in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
     """
-    table = as_table(material).to(s.dtype, s.device)
+    table = as_table(material, s.dtype).to(device=s.device)
     options = {"model": model, "scattering": scattering, "incidence": incidence, "phase": phase}
     reflected = flat_profile(table, s, side="reflectance", **options)
     transmitted = flat_profile(table, s, side="transmittance", **options)
     return unflattened(reflected, table), unflattened(transmitted, table)
 
 
-def as_table(material: Material) -> LayerTable:
+def as_table(material: Material, dtype: torch.dtype | None = None) -> LayerTable:
     """The rows that a material stands for."""
     if isinstance(material, LayerTable):
-        return material
-    return (material if isinstance(material, Stack) else Stack(material)).table()
+        return material.to(dtype)
+    return (material if isinstance(material, Stack) else Stack(material)).table(dtype)
 
 
 def flat_profile(

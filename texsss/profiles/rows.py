@@ -10,7 +10,8 @@ TABLE = 8  # texels per row, from which rows are few enough as they are
 MAPS = 2  # that vary independently, at most, for rounding to make a table of them
 ENDLESS = FAR_MM / 2  # thicker layers have no end; no other column holds numbers as large
 ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
-SAMPLE = 2**14  # rows that are looked at before all are compared
+SAMPLE = 2**10  # rows that are looked at before all are compared: of a table's some are equal
+BLOCK = 2**14  # rows compared at once
 FEW = 256  # rows that show which columns vary together
 PAIRS = 2**22  # of levels of two maps, at most, for a look-up table
 
@@ -56,9 +57,8 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     That is guessed from a few rows and proven for all; None where it is not so. Nothing is sorted.
     """
     count = table.batch[0]
-    fields = [x.reshape(count, -1) for x in table.fields]
-    width = fields[0].shape[1]
-    some = torch.cat([x[:: count // FEW | 1] for x in fields], 1)  # odd: not one column of a map
+    fields, step = table.fields, count // FEW | 1  # odd: not one column of a map
+    some = torch.cat([x[::step].flatten(1) for x in fields], 1)
     columns = (some != some[:1]).any(0).nonzero()[:, 0]
     if not len(columns):
         return None
@@ -66,10 +66,9 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     if len(bases) > MAPS:
         return None
     row, sets = torch.zeros(count, dtype=torch.long, device=some.device), 1
-    for column in bases.tolist():
-        level, levels = _numbered(
-            _keys(fields[column // width][:, column % width, None].contiguous())[:, 0].long()
-        )
+    shape = (len(fields), *fields[0].shape[1:])
+    for field, layer, channel in zip(*(x.tolist() for x in torch.unravel_index(bases, shape)), strict=True):
+        level, levels = _numbered(_keys(fields[field][:, layer, channel, None].contiguous())[:, 0].long())
         row, sets = row * levels + level, sets * levels
         if sets > PAIRS:
             return None
@@ -78,11 +77,13 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     first.scatter_reduce_(0, row, torch.arange(count, device=row.device), "amin")
     low, high = _range(some[:, columns])
     least = float((high - low).min()) / ALIKE
-    moving = {int(column) // width for column in columns}
+    moving = set(torch.unravel_index(columns, shape)[0].tolist())
     known = [x[first] if k in moving else x[:1] for k, x in enumerate(fields)]
 
     def alike(part: slice) -> bool:
         for k, x in enumerate(fields):
+            if x.stride(0) == 0:
+                continue
             same = torch.index_select(known[k], 0, row[part]) if k in moving else known[k]
             # infinities leave nothing behind
             low, high = torch.nan_to_num_(same - x[part]).aminmax()
@@ -90,15 +91,13 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
                 return False
         return True
 
-    return (first, row) if all(in_threads(alike, chunks(count, SAMPLE))) else None
+    return (first, row) if all(in_threads(alike, chunks(count, BLOCK))) else None
 
 
 def _numbered(key: Int[Tensor, " P"]) -> tuple[Int[Tensor, " P"], int]:
     """Keys ≥ 0 as numbers without gaps, in the same order, and how many there are."""
-    there = torch.zeros(int(key.max()) + 1, dtype=torch.long, device=key.device)
-    there[key] = 1
-    number = there.cumsum(0)
-    return number[key] - 1, int(number[-1])
+    number = (torch.bincount(key) > 0).cumsum(0)
+    return torch.index_select(number, 0, key) - 1, int(number[-1])
 
 
 def _all_differ(few: LayerTable, levels: int | None) -> bool:

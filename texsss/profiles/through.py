@@ -40,8 +40,8 @@ def weights_through(
     Raises as `weights_for`.
     """
     varies = stack.varies and points_uv is not None
-    table = stack.at(points_uv) if varies and points_uv is not None else stack.table()
-    table = table.to(torch.float32)
+    single = torch.float32
+    table = stack.at(points_uv, single) if varies and points_uv is not None else stack.table(single)
     rounded = _rounded(thickness, COARSE_STEP if varies else STEP)
     if table.bottomless:
         table = mirrored(table, rounded)

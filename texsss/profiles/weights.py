@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from texsss.media.stack import LayerTable, Stack
+from texsss.numerics.memory import room
 from texsss.numerics.threads import in_threads
 from texsss.profiles.fused import Fused
 from texsss.profiles.hankel import Material, as_table, flat_profile
@@ -84,10 +85,10 @@ def weights_for(
     if points_uv is not None:
         points = points_uv.shape[0]
     if points_uv is not None and isinstance(material, Stack) and material.varies:
-        table = material.at(points_uv)
+        table = material.at(points_uv, dtype)
     else:
-        table = as_table(material)
-    table = table.to(dtype).expand(channels)
+        table = as_table(material, dtype)
+    table = table.expand(channels)
     table, row = distinct(table, points, None if table.requires_grad else levels)
     table = replace(table, known_isotropic=table.isotropic)
 
@@ -112,7 +113,7 @@ def weights_for(
     parts = chunks(count, LOOP_CHUNK if fused else CHUNK)
     if table.requires_grad:
         return Weights(variances.to(table.sigma_a), torch.cat([solve(part) for part in parts]), row)
-    weights = matrix.new_empty(count, len(variances), table.channels)
+    weights = room(matrix, count, len(variances), table.channels)
 
     def fill(part: slice) -> None:
         check_cancelled(cancel)
