@@ -272,7 +272,9 @@ def test_long_bakes_are_foretold(texsss, tmp_path):
     assert len(said) == 1
 
 
-@pytest.mark.parametrize("light", ["", "foo", "point", "point:1,2", "point:1,2,x", "ball:1,2,3", "sky:1:2"])
+@pytest.mark.parametrize(
+    "light", ["", "foo", "point", "point:1,2", "point:1,2,x", "ball:1,2,3", "panel:1,2,3:0,0,1:0,9"]
+)
 def test_bad_light_is_told_its_form(texsss, cube, light):
     done = texsss("bake", cube, "--light", light)
     assert done.returncode == 2

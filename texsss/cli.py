@@ -2,6 +2,7 @@
 
 import atexit
 import json
+import re
 import sys
 import time
 from pathlib import Path
@@ -277,6 +278,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(EXIT_BAD_INPUT)
     except typer.TyperException as error:  # an option or a command that is not understood
         said = " ".join(error.format_message().split()).rstrip(".?")
+        said = re.sub(r"Input should be a valid (\w+), unable .*", r"expected it to be of the type \1", said)
         say("error", "red", f"{said}; --help after the command lists what it takes.")
         sys.exit(EXIT_BAD_INPUT)
     except typer.Abort:

@@ -155,8 +155,12 @@ def kernel(radius_mm: float, texel_mm: float, height_mm: float, name: str, size:
     in_object = f"kernel = {part} {name}, which is {height_mm:.3g} mm tall"
     if texels < FEW_TEXELS:
         wanted = 2 ** math.ceil(math.log2(size * FEW_TEXELS / texels))
-        remedy = f"raise --size to {wanted}" if wanted <= MOST_TEXELS else "no --size will show it"
-        in_texels += f": too narrow to be seen; {remedy}, or check --unit-mm."
+        remedy = (
+            f"raise --size to {wanted}, or check --unit-mm"
+            if wanted <= MOST_TEXELS
+            else f"even --size {MOST_TEXELS} would not show it: check --unit-mm, or take --diffusion none"
+        )
+        in_texels += f": too narrow to be seen; {remedy}."
     elif texels > MANY_TEXELS and share <= LARGE_SHARE:
         enough = max(2 ** math.ceil(math.log2(size * MANY_TEXELS / texels)), 16)
         in_texels += f": finer than the light; --size {enough} would do."

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from texsss.complaints import one_sentence
 from texsss.errors import AssetError, DomainError
 from texsss.methods import MethodsSpec
 from texsss.specs import (
@@ -57,7 +58,7 @@ class _Told(type(Model)):
         try:
             return super().__call__(*given, **fields)
         except ValidationError as error:
-            raise DomainError(_one_sentence(error)) from None
+            raise DomainError(one_sentence(error, fields)) from None
 
 
 MOST_NAMES = 256  # maps or media of a scene
@@ -140,7 +141,7 @@ class Scene(Model, metaclass=_Told):
         try:
             return cls.model_validate(migrate(data))
         except ValidationError as error:
-            raise DomainError(_one_sentence(error)) from None
+            raise DomainError(one_sentence(error, data)) from None
 
     @classmethod
     def load(cls, path: str | Path) -> "Scene":
@@ -213,17 +214,3 @@ def _anchored(value: Any, folder: Path) -> Any:
             for key, item in value.items()
         }
     return [_anchored(item, folder) for item in value] if isinstance(value, list) else value
-
-
-def _one_sentence(error: ValidationError) -> str:
-    """The first of pydantic's complaints, with its field; the rest are counted."""
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    field = ".".join(str(part) for part in first["loc"]) or "scene"
-    message = first["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
-    if first["type"] == "extra_forbidden":
-        message = "there is no field of this name"
-    got = first.get("input")
-    shown = f", got {got!r}" if isinstance(got, str | int | float | None) and "got" not in message else ""
-    more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"Scene: {field}: {message[0].lower() + message[1:]}{shown}{more}."

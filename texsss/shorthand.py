@@ -31,8 +31,14 @@ def light(text: str) -> dict:
         raise DomainError(f"--light: expected one of {', '.join(FORMS.values())}, got {text!r}.")
     try:
         return _READERS[name](*[_numbers(part) for part in parts])
+    except _Unfit as error:
+        raise DomainError(f"--light: expected {FORMS[name]} with {error}, got {text!r}.") from None
     except (TypeError, ValueError):
         raise DomainError(f"--light: expected {FORMS[name]}, got {text!r}.") from None
+
+
+class _Unfit(ValueError):
+    """Numbers of the right form that make no light; says what they should be."""
 
 
 def _numbers(part: str) -> list[float]:
@@ -91,10 +97,10 @@ def _panel(
 ) -> dict:
     width, height = edges
     if not (width > 0 and height > 0):
-        raise ValueError("a width and a height above 0")
+        raise _Unfit("a width and a height above 0")
     (dx, dy, dz), length = direction, math.hypot(*direction)
     if not (0 < length < math.inf):
-        raise ValueError("a direction")
+        raise _Unfit("a direction other than 0,0,0")
     towards = (dx / length, dy / length, dz / length)
     upright = (0.0, 0.0, -1.0) if abs(towards[1]) > UPRIGHT else (0.0, 1.0, 0.0)
     across = _cross(upright, towards)

@@ -287,6 +287,10 @@ LightSpec = Annotated[
 ]
 
 
+LIGHTS = ("point", "spot", "directional", "rectangle", "sphere", "environment", "studio")
+"""Types of lights."""
+
+
 class CameraSpec(Model):
     """Where the picture is taken from. With `fit`, from `direction`, so that the object fills the frame."""
 

@@ -34,7 +34,8 @@ class RectangleLight:
         triple(self, "radiance", least=0.0)
         if not float(torch.linalg.vector_norm(across.detach())) > 0:
             raise DomainError(
-                "RectangleLight: expected edges that span an area, got parallel ones; turn one."
+                "RectangleLight: expected a width and a height that span an area, got none; give both a "
+                "length and turn one against the other."
             )
 
     def sample(

@@ -189,7 +189,7 @@ def _atlas(
 
 def _source_atlas(mesh: Mesh, size: tuple[int, int], insisted: bool, cancel: Cancel | None) -> Atlas | str:
     """The author's coordinates as an atlas, or why they are none."""
-    remedy = 'choose uv="xatlas" to have it unwrapped.'
+    remedy = 'choose uv="xatlas" (--uv xatlas) to have it unwrapped.'
     if mesh.source_uv is None:
         if insisted:
             raise DomainError(f"make_atlas: expected texture coordinates, but {mesh.name} has none; {remedy}")
