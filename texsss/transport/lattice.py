@@ -7,7 +7,7 @@ import torch
 
 from texsss.transport.loops import Scratch
 from texsss.transport.runs import Runs, runs
-from texsss.transport.ways import Ways
+from texsss.transport.ways import Ways, ways
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
 
 AXIS = 18  # bits of a key per axis
@@ -57,8 +57,7 @@ def lattice(points: Float[Tensor, "P 3"], edge: float, cancel: Cancel | None = N
         [torch.searchsorted(key, cells + step, out_int32=True) for step in around.tolist()], 1
     )
     place = torch.stack([key >> 2 * AXIS, (key >> AXIS) & MASK, key & MASK], 1) - MARGIN
-    ways = Ways(member, beyond, corner, len(key))
-    return Lattice(key, edge, place.to(points) * edge + low, ways)
+    return Lattice(key, edge, place.to(points) * edge + low, ways(member, beyond, corner, len(key)))
 
 
 @dataclass(frozen=True, eq=False)

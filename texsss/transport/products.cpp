@@ -4,95 +4,13 @@
 
 #include <sys/mman.h>
 
-#include <algorithm>
-#include <cstdint>
-#include <cstring>
-#include <thread>
-#include <vector>
+#include "columns.h"
 
-#if defined(__AVX512F__) && defined(__AVX512VL__)
-#include <immintrin.h>
-#define MASKED 1
-#else
-#define MASKED 0
-#endif
-
-template <class Work>
-static void parallel(int64_t count, int64_t threads, Work work) {
-  threads = std::max<int64_t>(1, std::min(threads, count));
-  std::vector<std::thread> others;
-  for (int64_t t = 1; t < threads; t++)
-    others.emplace_back([=] { work(count * t / threads, count * (t + 1) / threads, t); });
-  work(0, count / threads, int64_t(0));
-  for (auto& other : others) other.join();
+static inline void corner_weights(const float* beyond, float w[8]) {
+  const float x = beyond[0], y = beyond[1], z = beyond[2];
+  const float xy[4] = {(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y};
+  for (int i = 0; i < 4; i++) w[2 * i] = xy[i] * (1 - z), w[2 * i + 1] = xy[i] * z;
 }
-
-// Some columns of one row: W floats of which `n` are there.
-template <int W>
-struct Lane {
-  typedef float T __attribute__((vector_size(4 * W)));
-};
-template <>
-struct Lane<1> {
-  typedef float T;
-};
-
-template <int W>
-struct Columns {
-  typedef typename Lane<W>::T T;
-  int n;
-  explicit Columns(int n) : n(n) {}
-  unsigned mask() const { return (1u << n) - 1; }
-  T load(const float* p) const {
-    if constexpr (W == 1) return *p;
-#if MASKED
-    if constexpr (W == 4) return (T)_mm_maskz_loadu_ps(__mmask8(mask()), p);
-    if constexpr (W == 8) return (T)_mm256_maskz_loadu_ps(__mmask8(mask()), p);
-    if constexpr (W == 16) return (T)_mm512_maskz_loadu_ps(__mmask16(mask()), p);
-#endif
-    T r{};
-    std::memcpy(&r, p, sizeof(float) * n);
-    return r;
-  }
-  void store(float* p, T v) const {
-    if constexpr (W == 1) {
-      *p = v;
-      return;
-    }
-#if MASKED
-    if constexpr (W == 4) return _mm_mask_storeu_ps(p, __mmask8(mask()), (__m128)v);
-    if constexpr (W == 8) return _mm256_mask_storeu_ps(p, __mmask8(mask()), (__m256)v);
-    if constexpr (W == 16) return _mm512_mask_storeu_ps(p, __mmask16(mask()), (__m512)v);
-#endif
-    std::memcpy(p, &v, sizeof(float) * n);
-  }
-};
-
-// `work(columns, first)` for blocks of at most 16 columns
-template <class Work>
-static void blocks(int64_t count, Work work) {
-  for (int64_t c = 0; c < count; c += 16) {
-    const int n = int(std::min<int64_t>(16, count - c));
-    if (n == 1)
-      work(Columns<1>(n), c);
-    else if (n <= 4)
-      work(Columns<4>(n), c);
-    else if (n <= 8)
-      work(Columns<8>(n), c);
-    else
-      work(Columns<16>(n), c);
-  }
-}
-
-// Rows of several arrays side by side: group g holds `each` columns at address[g], `pitch` floats from row to
-// row; `scale` (groups × rows) or null is a factor of each.
-struct Groups {
-  const int64_t* address;
-  int64_t count, each, pitch, rows;
-  const float* scale;
-  float* row(int64_t g, int64_t i) const { return (float*)address[g] + i * pitch; }
-  float factor(int64_t g, int64_t i) const { return scale ? scale[g * rows + i] : 1.0f; }
-};
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
 constexpr int GROUP = 8;   // rows of one length
@@ -189,6 +107,10 @@ void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const in
       float factor[GROUP][32];
       for (int64_t i = first; i < last; i += GROUP) {
         const int rest = int(std::min<int64_t>(GROUP, last - i));
+        for (int64_t r = i + 2 * GROUP; r < std::min(i + 3 * GROUP, last); r++) {
+          const float* in = x + first_of[r] * pitch + c;
+          for (int64_t line = 0; line < 12 * pitch; line += 16) __builtin_prefetch(in + line);
+        }
         int most = 0;  // one length for all of a group: where loops end is hard to foretell
         for (int r = 0; r < rest; r++) {
           packed_taps(uint32_t(mask[i + r]), taps, factor[r]);
@@ -207,72 +129,75 @@ void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const in
   });
 }
 
-static inline void corner_weights(const float* beyond, float w[8]) {
-  const float x = beyond[0], y = beyond[1], z = beyond[2];
-  const float xy[4] = {(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y};
-  for (int i = 0; i < 4; i++) w[2 * i] = xy[i] * (1 - z), w[2 * i + 1] = xy[i] * z;
-}
+constexpr int AHEAD = 16;  // items of work for which memory is asked beforehand
+
+// Points of one cell follow each other: what its corners hold stays in registers. `begin` (cells + 1): where the
+// points of each cell begin in `order`, which says which points these are; `beyond` is in that order.
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
-void ways_up(int64_t points, const int32_t* member, const float* beyond, const int32_t* corner, const float* x,
-             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
-             const float* scale, int64_t threads) {
+void ways_up(int64_t cells, const int32_t* begin, const int32_t* order, const float* beyond, const int32_t* corner,
+             const float* x, int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
+             int64_t points, const float* scale, int64_t threads) {
   const Groups out{address, groups, each, pitch, points, scale};
-  const int64_t count = groups * each;
-  parallel(points, threads, [=](int64_t first, int64_t last, int64_t) {
-    std::vector<float> row(count + 16);
-    for (int64_t i = first; i < last; i++) {
-      float w[8];
-      corner_weights(beyond + 3 * i, w);
-      const int32_t* node = corner + 8 * int64_t(member[i]);
-      blocks(count, [&](auto columns, int64_t c) {
-        typename decltype(columns)::T sum{};
-        for (int k = 0; k < 8; k++) sum += w[k] * columns.load(x + int64_t(node[k]) * x_pitch + c);
-        columns.store(row.data() + c, sum);
-      });
-      for (int64_t g = 0; g < groups; g++)
-        blocks(each, [&](auto columns, int64_t c) {
-          columns.store(out.row(g, i) + c, out.factor(g, i) * columns.load(row.data() + g * each + c));
-        });
-    }
+  parallel(cells, threads, [=](int64_t first, int64_t last, int64_t) {
+    blocks(groups * each, [&](auto some, int64_t c) {
+      typedef typename decltype(some)::T T;
+      const Parts parts(out, c, some.n);
+      const int64_t end = begin[last] - 1;
+      for (int64_t s = first; s < last; s++) {
+        T held[8];
+        for (int k = 0; k < 8; k++) held[k] = some.load(x + int64_t(corner[8 * s + k]) * x_pitch + c);
+        const int32_t* next = corner + 8 * std::min(s + AHEAD, last - 1);
+        for (int k = 0; k < 8; k++) __builtin_prefetch(x + int64_t(next[k]) * x_pitch + c);
+        for (int64_t p = begin[s]; p < begin[s + 1]; p++) {
+          float w[8];
+          corner_weights(beyond + 3 * p, w);
+          parts.prefetch(order[std::min(p + AHEAD, end)]);
+          T near{}, far{};
+          for (int k = 0; k < 4; k++) near += w[k] * held[k], far += w[k + 4] * held[k + 4];
+          parts.store(order[p], near + far, some);
+        }
+      }
+    });
   });
 }
 
-// The transpose. y (nodes, y_pitch), a multiple of 16 for more than 8 columns, of 8 for more than 4, of 4 for more
-// than 1; `spare` (threads - 1) as much. Both start at 0.
-void ways_down(int64_t points, const int32_t* member, const float* beyond, const int32_t* corner,
-               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale, int64_t nodes,
-               float* y, int64_t y_pitch, float* spare, int64_t threads) {
+// The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the cells, as
+// many to each, would add to at once: row `nodes` + i belongs to `twin`[i].
+void ways_down(int64_t cells, int64_t some_cells, const int32_t* begin, const int32_t* order, const float* beyond,
+               const int32_t* corner, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
+               int64_t points, const float* scale, int64_t nodes, int64_t twins, const int32_t* twin, float* y,
+               int64_t y_pitch, int64_t threads) {
   const Groups in{address, groups, each, pitch, points, scale};
-  const int64_t count = groups * each, size = nodes * y_pitch;
-  parallel(points, threads, [=](int64_t first, int64_t last, int64_t t) {
-    float* to = t ? spare + (t - 1) * size : y;
-    std::vector<float> row(count + 16);
-    for (int64_t i = first; i < last; i++) {
-      float w[8];
-      corner_weights(beyond + 3 * i, w);
-      const int32_t* node = corner + 8 * int64_t(member[i]);
-      for (int64_t g = 0; g < groups; g++)
-        blocks(each, [&](auto columns, int64_t c) {
-          columns.store(row.data() + g * each + c, in.factor(g, i) * columns.load(in.row(g, i) + c));
-        });
-      blocks(count, [&](auto columns, int64_t c) {
-        const auto held = columns.load(row.data() + c);
-        for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
-          float* at = to + int64_t(node[k]) * y_pitch + c;
-          decltype(columns.load(at)) sum;
-          std::memcpy(&sum, at, sizeof sum);
-          sum += w[k] * held;
-          std::memcpy(at, &sum, sizeof sum);
+  parallel((cells + some_cells - 1) / some_cells, threads, [=](int64_t first, int64_t last, int64_t) {
+    last = std::min(cells, last * some_cells), first *= some_cells;
+    blocks(groups * each, [&](auto some, int64_t c) {
+      typedef typename decltype(some)::T T;
+      const Parts parts(in, c, some.n);
+      const int64_t end = begin[last] - 1;
+      for (int64_t s = first; s < last; s++) {
+        T sum[8] = {};
+        const int32_t* next = corner + 8 * std::min(s + AHEAD, last - 1);
+        for (int k = 0; k < 8; k++) __builtin_prefetch(y + int64_t(next[k]) * y_pitch + c, 1);
+        for (int64_t p = begin[s]; p < begin[s + 1]; p++) {
+          float w[8];
+          corner_weights(beyond + 3 * p, w);
+          parts.prefetch(order[std::min(p + AHEAD, end)]);
+          const T held = parts.load(order[p], some);
+          for (int k = 0; k < 8; k++) sum[k] += w[k] * held;
         }
-      });
-    }
-  });
-  if (threads > 1)
-    parallel(size, threads, [=](int64_t first, int64_t last, int64_t) {
-      for (int64_t t = 0; t + 1 < std::min(threads, points); t++)
-        for (int64_t i = first; i < last; i++) y[i] += spare[t * size + i];
+        for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
+          float* at = y + int64_t(corner[8 * s + k]) * y_pitch + c;
+          T had;
+          std::memcpy(&had, at, sizeof had);
+          had += sum[k];
+          std::memcpy(at, &had, sizeof had);
+        }
+      }
     });
+  });
+  for (int64_t i = 0; i < twins; i++)
+    for (int64_t c = 0; c < y_pitch; c++) y[twin[i] * y_pitch + c] += y[(nodes + i) * y_pitch + c];
 }
 
 // Means of covered rows, `each` columns, put behind them in every group

@@ -7,30 +7,35 @@ from typing import Any
 
 import torch
 
-from texsss.numerics.sparse import Sparse
+from texsss.numerics.sparse import Sparse, starts
 from texsss.transport.loops import addresses, call, products, room
 from texsss.types import Float, Int, Tensor
 
 WIDTHS = 1, 4, 8, 16  # of vectors, in columns
+PARTS = 16  # that cells are in, for threads to share
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """Trilinear weights between points and nodes.
 
-    `member` (P,): the cell that each point is in; `beyond` (P, 3): where, in edges from its first corner;
-    `corner` (cells, 8): nodes, z fastest. `nodes`: how many there are.
+    Points are taken cell by cell. `begin` (cells + 1): where those of each cell begin; `order` (P,): which
+    points these are; `beyond` (P, 3): where, in edges from the cell's first corner; `corner` (cells, 8):
+    nodes, z fastest. `nodes`: how many there are. `own` (cells, 8), `twin` (T,): see `parted`.
     """
 
-    member: Int[Tensor, " P"]
+    begin: Int[Tensor, " begins"]
+    order: Int[Tensor, " P"]
     beyond: Float[Tensor, "P 3"]
     corner: Int[Tensor, "cells 8"]
+    own: Int[Tensor, "cells 8"]
+    twin: Int[Tensor, " T"]
     nodes: int
 
     @property
     def bytes(self) -> int:
         """Memory that it takes."""
-        held = self.member, self.beyond, self.corner
+        held = self.begin, self.order, self.beyond, self.corner, self.own, self.twin
         return sum(part.numel() * part.element_size() for part in held)
 
     def up(
@@ -51,12 +56,12 @@ class Ways:
             for k, (to, part) in enumerate(zip(out, made.split(out[0].shape[1], 1), strict=True)):
                 to.copy_(part if scale is None else part * scale[k, :, None].to(part))
             return None
-        made = room(x, len(self.member), x.shape[1]) if out is None else None
+        made = room(x, len(self.order), x.shape[1]) if out is None else None
         parts = [made] if made is not None else list(out or ())
-        where = addresses(parts)
         x = x if x.stride(1) == 1 else x.contiguous()
-        args = self.member, self.beyond, self.corner, x, x.stride(0), where, len(parts), *_layout(parts[0])
-        call(found.ways_up, len(self.member), *args, scale)
+        layout = addresses(parts), len(parts), *_layout(parts[0]), len(self.order)
+        cells = len(self.corner), self.begin, self.order, self.beyond, self.corner
+        call(found.ways_up, *cells, x, x.stride(0), *layout, scale)
         return made
 
     def down(
@@ -71,23 +76,64 @@ class Ways:
         if any(part.stride() != (x.stride(0), 1) for part in parts):
             parts = [part.contiguous() for part in parts]
         wide = padded(count)
-        made = room(x, self.nodes, wide).zero_()
-        spare = room(x, max(torch.get_num_threads() - 1, 0), self.nodes, wide).zero_()
-        args = self.member, self.beyond, self.corner, addresses(parts), len(parts), *_layout(parts[0]), scale
-        call(found.ways_down, len(self.member), *args, self.nodes, made, wide, spare)
-        return made[:, :count]
+        made = room(x, self.nodes + len(self.twin), wide).zero_()
+        layout = addresses(parts), len(parts), *_layout(parts[0]), len(self.order)
+        cells = len(self.corner), _part(len(self.corner)), self.begin, self.order, self.beyond, self.own
+        call(found.ways_down, *cells, *layout, scale, self.nodes, len(self.twin), self.twin, made, wide)
+        return made[: self.nodes, :count]
 
     @cached_property
     def _plain(self) -> Sparse:
         """The matrix (P × N), for torch."""
-        column = self.corner[self.member.long()].flatten()
-        (x, y, z) = torch.stack([1 - self.beyond, self.beyond], 2).unbind(1)
+        cell = torch.arange(len(self.corner), device=self.corner.device)
+        cell = cell.repeat_interleave(self.begin.diff().long())
+        back = torch.argsort(self.order)
+        column = self.corner[cell[back]].flatten()
+        (x, y, z) = torch.stack([1 - self.beyond, self.beyond], 2)[back].unbind(1)
         value = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).flatten()
         start = torch.arange(0, len(column) + 1, 8, dtype=torch.int32, device=column.device)
         return Sparse(start, column, value, self.nodes)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_plain"}
+
+
+def ways(
+    cell: Int[Tensor, " P"], beyond: Float[Tensor, "P 3"], corner: Int[Tensor, "cells 8"], nodes: int
+) -> Ways:
+    """The ways of points, each in a `cell`, none of which is empty; the others are as in `Ways`.
+
+    Cells come in the order of their first points, near which the others are stored.
+    """
+    points = torch.arange(len(cell), dtype=torch.int32, device=cell.device)
+    first = torch.full_like(corner[:, 0], len(cell)).scatter_reduce_(0, cell.long(), points, "amin")
+    rank = torch.argsort(first)
+    place = torch.empty_like(corner[:, 0])
+    place[rank] = torch.arange(len(rank), dtype=torch.int32, device=cell.device)
+    place, order = torch.sort(place[cell.long()], stable=True)
+    begin = starts(torch.bincount(place, minlength=len(corner)))
+    corner = corner[rank]
+    return Ways(begin, order.int(), beyond[order], corner, *parted(corner, nodes), nodes)
+
+
+def parted(corner: Int[Tensor, "cells 8"], nodes: int) -> tuple[Int[Tensor, "cells 8"], Int[Tensor, " T"]]:
+    """Rows that parts of the cells may add to at the same time, and whose the rows beyond `nodes` are.
+
+    A node at corners of several parts has a row of its own for each of them.
+    """
+    part = torch.arange(len(corner), device=corner.device) // _part(len(corner))
+    part, flat = part.repeat_interleave(8), corner.flatten().long()
+    least = part.new_full((nodes,), PARTS).scatter_reduce_(0, flat, part, "amin")
+    shared = torch.nonzero(part != least[flat])[:, 0]
+    twins, row = torch.unique(flat[shared] * PARTS + part[shared], return_inverse=True)
+    own = corner.flatten().clone()
+    own[shared] = (nodes + row).int()
+    return own.view_as(corner), (twins // PARTS).int()
+
+
+def _part(cells: int) -> int:
+    """Cells of one part."""
+    return max(-(-cells // PARTS), 1)
 
 
 def padded(count: int) -> int:
