@@ -44,6 +44,15 @@ def test_what_cannot_be_read_is_made_anew(tmp_path: Path):
     assert [item.path.stem for item in shelf.items()] == ["whole"]
 
 
+def test_what_is_of_other_fields_is_made_anew(tmp_path: Path):
+    def shelf(**fields: type) -> Shelf:
+        return Shelf(tmp_path, 1 << 20, (type("Kept", (), {"__annotations__": fields}),))
+
+    shelf(values=int).put("key", 1, 12)
+    assert shelf(values=int).get("key") == 1
+    assert shelf(values=int, order=int).get("key") is None
+
+
 def test_the_longest_without_use_make_room(tmp_path: Path):
     shelf = Shelf(tmp_path, 3 * 45_000)
     for number, name in enumerate("abc"):

@@ -1,5 +1,6 @@
 """Results kept on disk from one run to the next, under the content they depend on, bounded by bytes."""
 
+import hashlib
 import os
 import tempfile
 import time
@@ -37,10 +38,13 @@ class Shelf:
 
     def __init__(self, folder: Path, max_bytes: int, kinds: tuple[type, ...] = ()):
         self.folder, self.max_bytes, self.kinds = folder, max_bytes, kinds
+        # what was made of classes of other fields is of no use
+        form = repr([(kind.__qualname__, list(kind.__annotations__)) for kind in kinds])
+        self._ending = f"-{hashlib.sha256(form.encode()).hexdigest()[:8]}{ENDING}" if kinds else ENDING
 
     def get(self, key: str) -> Any | None:
         """The result under `key`, or None."""
-        path = self.folder / f"{key}{ENDING}"
+        path = self.folder / f"{key}{self._ending}"
         if not path.is_file():
             return None
         try:
@@ -64,7 +68,7 @@ class Shelf:
             os.close(handle)
             try:
                 torch.save(value, name)
-                os.replace(name, self.folder / f"{key}{ENDING}")
+                os.replace(name, self.folder / f"{key}{self._ending}")
             finally:
                 Path(name).unlink(missing_ok=True)
 
