@@ -69,7 +69,7 @@ def test_one_deep_place_does_not_coarsen_the_rest(deep):
 def test_what_is_nearly_clear_does_not_space_the_steps(painted):
     """RMSE of 16 steps as a share of the mean, against 2000 down a finite layer of all its depth.
 
-    Measured .0046 and .014; steps spaced by the least extinction anywhere have .035 and .09.
+    Measured .0046 and .008; steps spaced by the least extinction anywhere have .035 and .09.
     """
     grain = 5 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(1))
     clear, deep = Medium([0.005] * 3, [0.005] * 3, 0.0, 1.0), 400.0
@@ -85,7 +85,7 @@ def test_what_is_nearly_clear_does_not_space_the_steps(painted):
         march(*args, layers, [DirectionalLight(SUN, UNIT)], eye, samples=n, compiled=True)
         for layers, n in ((endless, 16), (truth, 2000))
     )
-    assert float((few - many).square().mean().sqrt() / many.mean()) < (0.02 if painted else 0.01)
+    assert float((few - many).square().mean().sqrt() / many.mean()) < (0.012 if painted else 0.01)
 
 
 def test_one_endless_layer_has_no_boundary():

@@ -92,12 +92,11 @@ class Gatherer:
             view = [[passed[c] + d for d in passages[c][0]] for c in channels]
             ends = [self._meet(ray, light, next_spot, after) for light in lights]
             for n, (start, end) in enumerate(zip(starts, ends)):
-                way, within, share = along(at, start, end)
+                way, within, share = along(at, start, end, stretch)
                 totals[n] = [
                     gather(
                         scattering[:, c],
                         extinction[:, c],
-                        stretch,
                         view[c],
                         way,
                         within,

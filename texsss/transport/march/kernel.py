@@ -10,6 +10,8 @@ import torch
 
 LEAST_LIGHT_COS = 0.03  # of the light to the plane it enters through
 SERIES = 0.25  # below this exponent a power series beats the difference of exponentials
+# (1 - e^-x) / x, the highest power first
+POWERS = (-1 / 720, 1 / 120, -1 / 24, 1 / 6, -1 / 2, 1.0)
 LEAST_REST = 1e-7  # of 1 - |g|: what float32 tells from 0
 FRAME = 2  # texels that repeat beyond the right and the lower edge: neighbours need no wrapping
 
@@ -112,12 +114,12 @@ def optical(way, within, sigma_t):
     """Optical depth over the first `way` [mm] of a path, of which `within` lie above each boundary: 0 below
     the last one, unless there is a layer more than boundaries. `sigma_t`: per layer [1/mm]."""
     layers = len(sigma_t)
-    total = 0.0
+    total = None
     for i, length in enumerate(within):
-        below = sigma_t[i + 1] if i + 1 < layers else 0.0
-        total = total + (sigma_t[i] - below) * length
+        more = sigma_t[i] - sigma_t[i + 1] if i + 1 < layers else sigma_t[i]
+        total = more * length if total is None else torch.addcmul(total, more, length)
     if layers > len(within):
-        total = total + sigma_t[-1] * way
+        total = sigma_t[-1] * way if total is None else torch.addcmul(total, sigma_t[-1], way)
     return total
 
 
@@ -126,5 +128,7 @@ def mean_transmission(start, end, at_start, at_end):
     """Mean of e^-T over a stretch on which T runs evenly from `start` to `end`; `at_…` are e^-T there."""
     x = end - start
     small = x.abs() < SERIES
-    series = at_start * (1 - x / 2 * (1 - x / 3 * (1 - x / 4 * (1 - x / 5 * (1 - x / 6)))))
-    return torch.where(small, series, (at_start - at_end) / torch.where(small, 1.0, x))
+    series, *rest = (x.new_full((), power) for power in POWERS)
+    for power in rest:
+        series = torch.addcmul(power, x, series)
+    return torch.where(small, at_start * series, (at_start - at_end) / torch.where(small, 1.0, x))

@@ -41,13 +41,13 @@ def passage(sigma_t, stretch, rising):
     """Optical depth of one channel from the start of the step to each boundary, and to its end."""
     so_far = [torch.zeros_like(stretch[0])]
     for extinction, length in zip(sigma_t.unbind(0), stretch):
-        so_far.append(so_far[-1] + extinction * length)
+        so_far.append(torch.addcmul(so_far[-1], extinction, length))
     return [torch.where(rising, so_far[-1] - s, s) for s in so_far], so_far[-1]
 
 
 @no_type_check
-def along(place, start, end):
-    """KM, and boundaries along it, where each boundary is crossed; the mean share of each layer.
+def along(place, start, end, stretch):
+    """KM, and boundaries along it, where each boundary is crossed; the mean share of each layer × its length.
 
     `start`, `end`: what `meet` found there.
     """
@@ -56,23 +56,25 @@ def along(place, start, end):
     way = [torch.lerp(way0, way1, p) for p in place]
     inward = [[torch.lerp(b0, b1, p) for b0, b1 in zip(boundary0, boundary1)] for p in place]
     within = [[torch.minimum(w, b) for b in inner] for w, inner in zip(way, inward)]
-    share = [[0.5 * (a + b) for a, b in zip(s0, s1)] for s0, s1 in zip(share0, share1)]
+    halves = [0.5 * length for length in stretch]
+    share = [[h * (a + b) for a, b in zip(s0, s1)] for h, s0, s1 in zip(halves, share0, share1)]
     return way, within, share
 
 
 @no_type_check
-def gather(sigma_s, sigma_t, stretch, view_depth, way, within, share, total):
+def gather(sigma_s, sigma_t, view_depth, way, within, share, total):
     """The light of one channel so far, with that of a step.
 
+    Sums are joined with products where they can be: passes over memory are what takes time.
     `sigma_s`, `sigma_t` (layers) [1/mm], with points behind where they are maps; `view_depth`: optical
-    depth of the view ray to each boundary; `share` per layer; `total`: before the step.
+    depth of the view ray to each boundary; `share` per layer, times length; `total`: before the step.
     """
     sigma_s, sigma_t = sigma_s.unbind(0), sigma_t.unbind(0)
     depth = [v + optical(w, b, sigma_t) for v, w, b in zip(view_depth, way, within)]
     left = [torch.exp(-d) for d in depth]
-    for i, (scattering, length) in enumerate(zip(sigma_s, stretch)):
+    for i, scattering in enumerate(sigma_s):
         mean = mean_transmission(depth[i], depth[i + 1], left[i], left[i + 1])
-        total = total + scattering * share[i] * length * mean
+        total = torch.addcmul(total, scattering, share[i] * mean)
     return total
 
 

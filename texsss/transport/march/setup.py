@@ -19,7 +19,7 @@ from texsss.transport.march.planes import EPSILON, Planes
 from texsss.types import Bool, Float, Tensor, unit
 
 LEAST_VIEW_COS = 1e-3  # of the view ray to the fitted plane: grazing rays end somewhere
-PAINTED = 1.5  # times as far as the mean extinction of a painted last layer asks for
+PAINTED = 2.5  # times as far as the mean extinction of a painted last layer asks for: its clear places go on
 BELOW = 3.0  # deepest boundaries: how far into an infinite layer
 BEYOND = 1e-4  # of the deepest boundary: how much further rays go that cross it
 THINNEST_MM = 1e-6
