@@ -18,6 +18,7 @@ from texsss.cli import main
 from texsss.errors import Cancelled
 from texsss.inspection import kernel
 from texsss.io.sandbox import Sandbox
+from texsss.options import described
 from texsss.scene import Scene
 
 FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
@@ -231,6 +232,14 @@ def test_lights_and_maps_in_short(texsss, cube, tmp_path):
         width, height = np.array(panel["width_mm"]), np.array(panel["height_mm"])
         assert np.allclose([np.linalg.norm(width), np.linalg.norm(height)], [20, 10])
         assert np.allclose(np.cross(width, height) / 200, towards)
+
+
+def test_one_channel_of_a_map_is_named_behind_its_file():
+    """As glTF packs them: roughness in green."""
+    scene = described(Path("head.obj"), roughness="orm.png:g", specular="gloss.png")
+    rough, gloss = scene.maps["roughness"], scene.maps["specular"]
+    assert (rough.source.path, rough.channel, rough.space) == ("orm.png", "g", "linear")
+    assert (gloss.source.path, gloss.channel) == ("gloss.png", "rgb")
 
 
 def test_doubtful_files_are_read_in_a_limited_child(texsss, tmp_path, monkeypatch):

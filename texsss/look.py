@@ -32,7 +32,7 @@ def averaged(surface: SurfaceSpec, images: Images) -> list[str]:
     named = {"roughness": surface.roughness, "specular": surface.specular}
     return [
         f"The {field} map {name} is coloured and the mean of its channels counts; name the one that holds "
-        f'it: "channel" of maps.{name}.'
+        f'it: "channel" of maps.{name}, or --{field} FILE:g.'
         for field, name in named.items()
         if isinstance(name, str)
         and images[name].shape[-1] > 1

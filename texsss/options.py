@@ -28,8 +28,10 @@ def described(
     albedo: Annotated[Path | None, typer.Option(help="Colour map (sRGB), laid on by the mesh's uv.")] = None,
     normal: Annotated[Path | None, typer.Option(help="Tangent-space normal map.")] = None,
     normal_y: Annotated[str | None, typer.Option(help="Its green leans +y (OpenGL) or -y (DirectX).")] = None,
-    roughness: Annotated[str | None, typer.Option(help="0 to 1, or a grey map.")] = None,
-    specular: Annotated[str | None, typer.Option(help="0 to 1, or a grey map.")] = None,
+    roughness: Annotated[
+        str | None, typer.Option(help="0 to 1, or a grey map; file.png:g takes one channel of it.")
+    ] = None,
+    specular: Annotated[str | None, typer.Option(help="As --roughness.")] = None,
     lights: Annotated[
         list[str] | None, typer.Option("--light", help=f"May be repeated: {', '.join(FORMS.values())}.")
     ] = None,
@@ -51,9 +53,9 @@ def described(
     surface = data.setdefault("material", {}).setdefault("surface", {})
     maps = data.setdefault("maps", {})
 
-    def paint(name: str, path: Path | str | None, space: str) -> None:
+    def paint(name: str, path: Path | str | None, space: str, channel: str = "rgb") -> None:
         if path is not None:
-            maps[name] = {"source": {"path": str(path)}, "space": space}
+            maps[name] = {"source": {"path": str(path)}, "space": space, "channel": channel}
             surface[name] = name
 
     def put(value: object, part: str, field: str) -> None:
@@ -66,6 +68,8 @@ def described(
         number = _number(value)
         if number is not None:
             surface[name] = number
+        elif value is not None and value[-2:] in (":r", ":g", ":b", ":a"):
+            paint(name, value[:-2], "linear", value[-1])
         else:
             paint(name, value, "linear")
     if normal_y is not None:

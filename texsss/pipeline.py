@@ -86,7 +86,8 @@ class Run(Beneath):
     def doubts(self) -> Kept:
         """What is doubtful about the surface that light is to cross, in sentences."""
         texels, variances = self.texels.value, self.variances
-        return self.stage("doubts", lambda: doubts(texels, variances), self.texels, variances)
+        make = lambda: doubts(texels, variances, **self.hooks("doubts"))  # noqa: E731
+        return self.stage("doubts", make, self.texels, variances)
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""

@@ -140,6 +140,30 @@ def test_deep_colours_in_tiff(dtype, kind):
         read_image(data, max_pixels=99)
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("packing", [1, 8])
+def test_tiles_of_a_large_tiff(order, packing):
+    """Of BigTIFF, in tiles of 16 × 16 that reach beyond the picture."""
+    values = np.random.default_rng(0).integers(0, 65536, (20, 39, 3)).astype(order + "u2")
+    padded = np.pad(values, ((0, 12), (0, 9), (0, 0)), mode="edge")
+    tiles = padded.reshape(2, 16, 3, 16, 3).swapaxes(1, 2).reshape(6, -1)
+    bodies = [t.tobytes() if packing == 1 else zlib.compress(t.tobytes()) for t in tiles]
+    starts = 16 + np.cumsum([0, *map(len, bodies)])
+    tags = {256: 39, 257: 20, 258: 16, 259: packing, 262: 2, 277: 3, 322: 16, 323: 16, 324: starts[:-1]}
+    tags[325] = [len(body) for body in bodies]
+    rows, beyond, after = b"", b"", int(starts[-1]) + 8 + 20 * len(tags) + 8
+    for tag, value in tags.items():
+        numbers = np.atleast_1d(value).astype(order + "u8")
+        rows += struct.pack(order + "HHQ", tag, 16, len(numbers))
+        rows += numbers.tobytes() if len(numbers) == 1 else struct.pack(order + "Q", after + len(beyond))
+        beyond += numbers.tobytes() if len(numbers) > 1 else b""
+    head = (b"II+\0" if order == "<" else b"MM\0+") + struct.pack(order + "HHQ", 8, 0, starts[-1])
+    data = head + b"".join(bodies) + struct.pack(order + "Q", len(tags)) + rows + bytes(8) + beyond
+    assert np.array_equal(read_image(data, "linear").numpy(), (values / 65535).astype(np.float32))
+    with pytest.raises(AssetError, match=r"^big\.tiff: expected .*(a TIFF of grey|damaged)"):
+        read_image(data[: starts[-1] + 9], name="big.tiff")
+
+
 def test_packed_deep_tiff():
     """LZW of differences by pillow; differences of bytes, significant ones first, deflated."""
     grey = RAMP.astype(np.uint16) * 257

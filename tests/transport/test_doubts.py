@@ -3,6 +3,7 @@ import torch
 from charted_shapes import sheet
 from squares import ball
 
+from texsss.errors import Cancelled
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import TexelMaps
 from texsss.surface.raster import rasterise
@@ -67,3 +68,12 @@ def test_doubts_name_the_place(name: str, said: str):
 
 def test_a_sound_surface_leaves_none():
     assert doubts(ball(96), LADDER) == []
+
+
+def test_stops_on_request_and_tells_how_far_it_is():
+    texels, told = laid_out("open"), []
+    doubts(texels, LADDER, progress=lambda stage, share: told.append(share))
+    assert told[-1] == 1 and told == sorted(told)
+    asked = iter([False, False, True])
+    with pytest.raises(Cancelled):
+        doubts(texels, LADDER, cancel=lambda: next(asked))

@@ -60,7 +60,10 @@ def _padded(extent: int, tile: int | None) -> int:
 
 def _tags(data: bytes) -> TiffImagePlugin.ImageFileDirectory_v2:
     """The first directory."""
-    tags = TiffImagePlugin.ImageFileDirectory_v2(data[: 16 if data[2] == 43 else 8])  # 43: BigTIFF
+    if 43 in data[2:4]:  # BigTIFF, which pillow knows by the third byte alone, whatever the byte order
+        tags = TiffImagePlugin.ImageFileDirectory_v2(b"II+\0" + data[4:16], prefix=data[:2])
+    else:
+        tags = TiffImagePlugin.ImageFileDirectory_v2(data[:8])
     stream = io.BytesIO(data)
     stream.seek(tags.next)
     tags.load(stream)

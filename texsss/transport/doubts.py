@@ -5,20 +5,37 @@ import torch
 from texsss.surface.points import TexelMaps
 from texsss.surface.raster import contested_area
 from texsss.surface.topology import charts, components, edges, shared_edges
-from texsss.types import Float, Int, Tensor
+from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
 COARSE, FINE = 100.0, 0.01  # kernel widths that a texel may span
 LOST = 1e-3  # share of a face's area under others that is not rounding
 BELOW = 1e-4  # share of the texels that may be of doubtful size
 
 
-def doubts(texels: TexelMaps, variances: Float[Tensor, " K"]) -> list[str]:
+def doubts(
+    texels: TexelMaps,
+    variances: Float[Tensor, " K"],
+    *,
+    progress: Progress | None = None,
+    cancel: Cancel | None = None,
+) -> list[str]:
     """Sentences about open borders, crowded edges, lone charts, overlaps, padding and sizes of texels.
 
     `variances` [mm²]: of the Gaussians. Each sentence names a place [mm, as the mesh is scaled]; none if
-    all is well.
+    all is well. Raises Cancelled.
     """
-    return [*_of_edges(texels), *_of_charts(texels), *_of_sizes(texels, variances)]
+    said = []
+    steps = (
+        lambda: _of_edges(texels),
+        lambda: _of_charts(texels, cancel),
+        lambda: _of_sizes(texels, variances),
+    )
+    for k, step in enumerate(steps):
+        check_cancelled(cancel)
+        said += step()
+        if progress is not None:
+            progress("doubts", (k + 1) / len(steps))
+    return said
 
 
 def _of_edges(texels: TexelMaps) -> list[str]:
@@ -42,7 +59,7 @@ def _of_edges(texels: TexelMaps) -> list[str]:
     return said
 
 
-def _of_charts(texels: TexelMaps) -> list[str]:
+def _of_charts(texels: TexelMaps, cancel: Cancel | None) -> list[str]:
     mesh, said = texels.mesh, []
     chart = charts(mesh.faces, texels.atlas_uv)
     number = int(chart.max()) + 1
@@ -57,7 +74,7 @@ def _of_charts(texels: TexelMaps) -> list[str]:
                 f"{len(lone):,} of {number:,} charts share no edge with another, as near "
                 f"{_place(centre[alone][0])}: light leaves them only for what lies within its reach."
             )
-    lost = contested_area(mesh, texels.atlas_uv, texels.size)
+    lost = contested_area(mesh, texels.atlas_uv, texels.size, cancel)
     under = lost > LOST * mesh.face_area
     if bool(under.any()):
         said.append(
