@@ -157,7 +157,10 @@ def test_nothing_lit_is_told(small):
         "width_mm": [300, 0, 0],
         "height_mm": [0, 300, 0],
     }
-    assert "No light reaches" in bake(Scene.parse({**small, "lights": [away]})).report["notes"][0]
+    within = {"type": "point", "position_mm": [60.0, 0, 0], "intensity_w_per_sr": [1.0] * 3}
+    first, *others = bake(Scene.parse({**small, "lights": [away, within]})).report["notes"]
+    assert "No light reaches" in first
+    assert any("(60, 0, 0) mm is inside the object" in note for note in others)
 
 
 def test_no_diffusion_is_lambert(small):

@@ -14,6 +14,7 @@ from typing import Literal
 from texsss import placing
 from texsss.beneath import Beneath
 from texsss.cache import Kept
+from texsss.light.enclosed import enclosed
 from texsss.look import averaged, scattered_once, seer, share_of, shower, tinted
 from texsss.numerics.sparse import Sparse
 from texsss.profiles.advice import advice
@@ -61,6 +62,7 @@ class Run(Beneath):
             if stopped:
                 said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
             said += self.doubts.value
+        said += enclosed(self.lights, mesh, self.occluder.value)
         said += placing.stretched({name: kept.value for name, kept in self.panoramas.items()})
         said += averaged(
             self.scene.material.surface, {n: kept.value for n, kept in self.surface_maps.items()}
