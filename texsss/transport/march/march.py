@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from threading import Lock
+from typing import Any
 
 import torch
 from torch.quasirandom import SobolEngine
@@ -34,28 +35,18 @@ def march(
     lights: Sequence[Light],
     view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
     *,
-    uv: Float[Tensor, "F 3 2"] | None = None,
-    method: Method = "exact",
-    samples: int = 4,
-    phase: Phase = "henyey-greenstein",
-    occluder: Occluder | None = None,
-    noise: Noise | None = None,
-    environment_samples: int = 16,
-    area_samples: int = 4,
-    seed: int = 0,
     compiled: bool = False,
+    seed: int = 0,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
+    **how: Any,
 ) -> Float[Tensor, "P 3"]:
     """`March` of one set of points: radiance that leaves towards the eye [W/(m² sr)], linear RGB.
 
-    `points`, `view`, `compiled` and `seed` as when that is called; all else is what it is made of.
+    `how` and what comes before `view` but `points` are what it is made of; all else is as when it is called.
     Raises as that.
     """
-    ready = March(
-        mesh, planes, layers, lights, uv=uv, method=method, samples=samples, phase=phase, occluder=occluder,
-        noise=noise, environment_samples=environment_samples, area_samples=area_samples,
-    )  # fmt: skip
+    ready = March(mesh, planes, layers, lights, **how)
     return ready(points, view, compiled=compiled, seed=seed, progress=progress, cancel=cancel)
 
 
