@@ -164,6 +164,14 @@ def test_tiles_of_a_large_tiff(order, packing):
         read_image(data[: starts[-1] + 9], name="big.tiff")
 
 
+def test_a_large_deep_tiff_is_no_bomb(monkeypatch):
+    """Its bytes are not to be counted for pixels, of which there may be fewer."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 200)
+    monkeypatch.setattr("texsss.io._tiff.BAND", 300)
+    values = (COLOURS * np.float32(257)).astype("<u2")  # 384 pixels, 2304 bytes
+    assert torch.equal(read_image(tiff(values, 1), "linear"), torch.from_numpy(values / np.float32(65535)))
+
+
 def test_packed_deep_tiff():
     """LZW of differences by pillow; differences of bytes, significant ones first, deflated."""
     grey = RAMP.astype(np.uint16) * 257

@@ -8,9 +8,10 @@ import io
 import struct
 
 import numpy as np
-from PIL import TiffImagePlugin
+from PIL import ImageFile, TiffImagePlugin
 
 from texsss.io.files import check_held, check_pixels
+from texsss.types import chunks
 
 WIDTH, HEIGHT, BITS, PACKING, MEANING, STRIPS, ORIENTATION = 256, 257, 258, 259, 262, 273, 274
 SAMPLES, STRIP_ROWS, STRIP_BYTES, PLANES, PREDICTOR = 277, 278, 279, 284, 317
@@ -19,6 +20,7 @@ WHITE_IS_ZERO, BLACK_IS_ZERO, RGB = 0, 1, 2
 KINDS = {(1, 16): "u2", (3, 16): "f2", (3, 32): "f4", (3, 64): "f8"}
 PACKINGS = (1, 5, 8, 32773, 32946, 34925, 50000)  # none, LZW, deflate, PackBits, deflate, LZMA, Zstandard
 HORIZONTAL, FLOATING = 2, 3
+BAND = 1 << 24  # bytes that are copied at once
 NO_ALPHA, MULTIPLIED, STRAIGHT = -1, 1, 2  # what EXTRA says of a sample beyond colours; -1: nothing
 
 
@@ -44,13 +46,20 @@ def read_deep_tiff(data: bytes, name: str, max_pixels: int) -> tuple[np.ndarray,
     check_pixels(width, height, name, max_pixels)
     dtype = np.dtype(kind).newbyteorder("<" if data[:2] == b"II" else ">")
     across, down = _padded(width, tags.get(TILE_WIDTH)), _padded(height, tags.get(TILE_HEIGHT))
-    check_held(across * down * samples * dtype.itemsize, name, max_pixels)
+    # held twice while it is unpacked: three floats a pixel, no more
+    check_held(across * down * samples * dtype.itemsize, name, max_pixels * 3 // 4)
     planes = samples if tags.get(PLANES, 1) == 2 else 1
     parts = [_plane(data, tags, k, planes, samples // planes, dtype) for k in range(planes)]
     values = parts[0] if planes == 1 else np.concatenate(parts, -1)
     if meaning == WHITE_IS_ZERO:
         values[..., 0] = ~values[..., 0]
     return _coloured(values, colours, _all(tags, EXTRA, NO_ALPHA)), int(tags.get(ORIENTATION, 1))
+
+
+class _Bytes(TiffImagePlugin.TiffImageFile):
+    """A picture of bytes: their number is no sign of a bomb, pixels were counted before."""
+
+    load_prepare = ImageFile.ImageFile.load_prepare
 
 
 def _padded(extent: int, tile: int | None) -> int:
@@ -106,11 +115,15 @@ def _plane(
         described |= {TILE_WIDTH: (across * step,), TILE_HEIGHT: (int(tags[TILE_HEIGHT]),)}
     else:
         described |= {STRIP_ROWS: (min(int(tags.get(STRIP_ROWS, height)), height),)}
-    # not by Image.open, which counts bytes for pixels when it guards against bombs
-    with TiffImagePlugin.TiffImageFile(io.BytesIO(_described(data, described))) as picture:
-        raw = np.array(picture).reshape(height * columns, across, step)
-    values = _unpredicted(raw, samples, int(tags.get(PREDICTOR, 1)), dtype)
-    return values.reshape(height, columns * across, samples)[:, :width]
+    values = np.empty((height, columns * across, samples), dtype.newbyteorder("="))
+    predictor = int(tags.get(PREDICTOR, 1))
+    with _Bytes(io.BytesIO(_described(data, described))) as picture:
+        # some rows at a time: as a whole they would be held three times
+        for rows in chunks(height, max(BAND // (columns * across * step), 1)):
+            raw = np.array(picture.crop((0, rows.start, columns * across * step, rows.stop)))
+            packed = raw.reshape(-1, across, step)
+            values[rows] = _unpredicted(packed, samples, predictor, dtype).reshape(values[rows].shape)
+    return values[:, :width]
 
 
 def _described(data: bytes, tags: dict[int, tuple[int, ...]]) -> bytes:
@@ -156,7 +169,8 @@ def _coloured(values: np.ndarray, colours: int, extra: tuple[int, ...]) -> np.nd
             values = values.astype(np.float32, copy=False)
     if alpha and extra[0] == MULTIPLIED:
         most = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-        share = values[..., -1:] / np.float32(most)
-        straight = values[..., :-1] / np.where(share > 0, share, 1)
-        values[..., :-1] = straight if values.dtype.kind == "f" else (straight + 0.5).clip(0, most)
+        for row in values:  # one by one: no copies of all
+            share = row[:, -1:] / np.float32(most)
+            straight = row[:, :-1] / np.where(share > 0, share, 1)
+            row[:, :-1] = straight if values.dtype.kind == "f" else (straight + 0.5).clip(0, most)
     return np.ascontiguousarray(values)

@@ -61,7 +61,7 @@ def check_pixels(width: int, height: int, name: str, max_pixels: int) -> None:
 
 
 def check_held(held: int, name: str, max_pixels: int) -> None:
-    """Raises TooLarge: when decoded samples take more bytes than four floats of `max_pixels`."""
+    """Raises TooLarge: when decoded samples take more bytes than four floats of `max_pixels` pixels."""
     most = 16 * max_pixels
     if held > most:
         raise TooLarge(
