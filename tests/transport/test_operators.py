@@ -9,6 +9,7 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.points import TexelMaps
 from texsss.surface.raster import rasterise
 from texsss.transport.bank import build_bank, diffusion
+from texsss.transport.budget import affordable
 from texsss.transport.gutter import gutter_means
 from texsss.transport.lattice import blur, kernel, lattice
 from texsss.transport.neighbours import pairs_within
@@ -192,11 +193,14 @@ def test_white_light_is_spread_once():
 def test_what_does_not_fit_goes_along_uv_with_a_notice():
     texels, notices = ball(48), []
     values = lit(texels)
-    kept = diffusion(texels, "surface", budget_bytes=450 * len(texels), notice=notices.append)(values, LADDER)
+    kept = diffusion(texels, "surface", budget_bytes=250 * len(texels), notice=notices.append)(values, LADDER)
     assert len(notices) == 1 and "stop at seams" in notices[0]
     # 600 mm² fits
     torch.testing.assert_close(kept[3], surface_operators(texels, LADDER[3:]).applied(values)[0])
     assert torch.equal(kept[1:3], diffuse_uv(values, texels, LADDER[1:3]))
+    all_of_them = surface_operators(texels, LADDER).bytes
+    assert not affordable(texels, LADDER, all_of_them).all(), "making takes room, too"
+    assert affordable(texels, LADDER, 5 * all_of_them).all()
     nothing = diffusion(texels, "surface", budget_bytes=0)(values, LADDER[1:])
     assert torch.equal(nothing, diffuse_uv(values, texels, LADDER[1:]))
 

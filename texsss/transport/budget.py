@@ -10,12 +10,18 @@ from texsss.transport.operators import LATTICE_FROM, edge_for, fine_texel
 from texsss.transport.smoothing import REACH
 from texsss.types import Bool, Float, Tensor
 
-ENTRY_BYTES = 8  # an int32 index and a float32 value
-CROWDED = 1.3  # texels are that much denser than typical ones where kernels are counted
-NODES = 2.7  # of a lattice per edge² of surface
-PASSES = 26  # entries per node of three convolutions, times edges per standard deviation
-WAYS = 16  # entries per point between it and the next lattice, there and back
-MAKING = 25  # entries' worth of room, per texel, that making those ways takes
+# bytes, measured on heads in the author's and our own atlas of 512² to 4096² texels
+KERNEL_ENTRY = 2.8  # of a kernel, all in all, as long as texels are even
+KERNEL_TEXEL = 20
+PAIR = 8  # a place and a distance, while a kernel is made
+CROWDED = 1.3  # texels are that much denser than typical ones where pairs are counted
+FIRST_NODES, NODES = 2.8, 4.8  # of the finest lattice, and of coarser ones, per edge² of surface
+MOST_NODES = 8.0  # per texel
+WAY = 16  # of a point to the next lattice
+NODE = 76  # of a lattice with one Gaussian
+SHARE = 8  # of a texel per Gaussian over lattices
+MAKING_LATTICE, MAKING_NODE = 100, 80  # of a texel and of a node, while they are made
+TEXEL = 64  # places, normals and areas, while anything is made
 
 
 def affordable(
@@ -24,23 +30,25 @@ def affordable(
     """Which Gaussians have surface operators within `budget_bytes`: the widest, as far as it goes.
 
     Seams show the more the wider the Gaussian. Variances of 0 cost nothing. An upper bound for evenly
-    sized texels, what building takes included.
+    sized texels, what building takes included: pairs of a kernel are gone before there are lattices.
     """
-    texel = fine_texel(texels)
-    gutter = (len(texels) - texels.covered_count) * gutter_bytes
-    left = (budget_bytes - gutter) / (ENTRY_BYTES * max(texels.covered_count, 1))
-    kept, making = 0.0, 0.0
+    count, texel = max(texels.covered_count, 1), fine_texel(texels)
+    mean = float(texels.area.sum()) / count / texel**2  # area of a texel, in fine ones
+    left = budget_bytes - (len(texels) - texels.covered_count) * gutter_bytes
+    kernels, pairs, lattices, making = 0.0, 0.0, 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():
         deviation = float(variances[k]) ** 0.5 / texel
         if deviation >= LATTICE_FROM:
-            edge = edge_for(deviation, 1.0)
-            nodes = min(8.0, NODES / edge**2)
-            kept += nodes * (PASSES * deviation / edge + WAYS) + (0 if making else WAYS)
-            making = MAKING
+            nodes = mean / edge_for(deviation, 1.0) ** 2
+            first, nodes = min(MOST_NODES, FIRST_NODES * nodes), min(MOST_NODES, NODES * nodes)
+            # of all but the finest lattice, nodes are points of the way to the next one
+            lattices += (NODE + WAY) * (first if lattices == 0 else nodes) + SHARE
+            making = WAY + MAKING_LATTICE + MAKING_NODE * first
         elif deviation > 0:
-            around = CROWDED * math.pi * (REACH * deviation) ** 2
-            kept += around
-            making = max(making, around)  # all pairs within reach
-        fits[k] = kept + making <= left
+            around = math.pi * (REACH * deviation) ** 2
+            kernels += KERNEL_TEXEL + KERNEL_ENTRY * around
+            pairs = max(pairs, PAIR * CROWDED * around)
+        taken = TEXEL + kernels + max(pairs, lattices + making) if deviation > 0 else 0.0
+        fits[k] = taken * count <= left
     return fits

@@ -116,14 +116,25 @@ void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const in
           packed_taps(uint32_t(mask[i + r]), taps, factor[r]);
           most = std::max(most, __builtin_popcount(uint32_t(mask[i + r])));
         }
-        for (int r = 0; r < rest; r++) {
-          T sum{};
-          const int64_t from = first_of[i + r];
-          const float* in = x + from * pitch + c;
-          const int length = int(std::min<int64_t>(most, columns - from));
-          for (int k = 0; k < length; k++, in += pitch) sum += factor[r][k] * some.load(in);
-          some.store(y + (i + r) * y_pitch + c, sum);
+        int64_t from[GROUP];
+        for (int r = 0; r < GROUP; r++) from[r] = first_of[i + std::min(r, rest - 1)];
+        const int64_t end = *std::max_element(from, from + GROUP);
+        if (rest < GROUP || end + most > columns) {
+          for (int r = 0; r < rest; r++) {
+            T sum{};
+            const float* in = x + from[r] * pitch + c;
+            const int length = int(std::min<int64_t>(most, columns - from[r]));
+            for (int k = 0; k < length; k++, in += pitch) sum += factor[r][k] * some.load(in);
+            some.store(y + (i + r) * y_pitch + c, sum);
+          }
+          continue;
         }
+        T sum[GROUP] = {};  // side by side: each waits for its last product
+        const float* in[GROUP];
+        for (int r = 0; r < GROUP; r++) in[r] = x + from[r] * pitch + c;
+        for (int k = 0; k < most; k++)
+          for (int r = 0; r < GROUP; r++) sum[r] += factor[r][k] * some.load(in[r]), in[r] += pitch;
+        for (int r = 0; r < GROUP; r++) some.store(y + (i + r) * y_pitch + c, sum[r]);
       }
     });
   });
