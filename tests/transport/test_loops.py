@@ -4,7 +4,9 @@ import pytest
 import torch
 from squares import ball, lit
 
+from texsss.errors import DomainError
 from texsss.numerics import native
+from texsss.numerics.sparse import starts
 from texsss.transport import loops
 from texsss.transport.kernels import STRIP
 from texsss.transport.operators import Operators, surface_operators
@@ -44,15 +46,18 @@ def test_products_are_those_of_torch(made, channels, monkeypatch):
     torch.testing.assert_close(loop[1], plain[1], rtol=1e-5, atol=1e-6)
 
 
-def test_threads_differ_by_rounding_alone(made):
-    values = lit(ball(64))
-    one, threads = made.applied(values), torch.get_num_threads()
+def test_any_number_of_threads_gives_the_same_bytes(made):
+    values, threads = lit(ball(64)).requires_grad_(), torch.get_num_threads()
+    results = []
     try:
-        torch.set_num_threads(3)
-        torch.testing.assert_close(made.applied(values), one, rtol=2e-6, atol=1e-7)
-        assert torch.equal(made.applied(values), made.applied(values))
+        for count in (1, 3, 20):
+            torch.set_num_threads(count)
+            copies = made.applied(values)
+            results.append((copies, *torch.autograd.grad(copies.square().sum(), values)))
     finally:
         torch.set_num_threads(threads)
+    for copies, gradient in results[1:]:
+        assert torch.equal(copies, results[0][0]) and torch.equal(gradient, results[0][1])
 
 
 def test_making_them_is_what_torch_makes(made, monkeypatch):
@@ -78,3 +83,9 @@ def test_runs_of_many_taps_and_of_none():
     away = source - target[:, None] + 14
     dense = torch.where((away >= 0) & (away < 29), taps[away.clamp(0, 28)], 0) @ x
     torch.testing.assert_close(runs(source, target, taps).times(x), dense)
+
+
+def test_more_entries_than_indices_count_are_refused():
+    with pytest.raises(DomainError, match="smaller atlas"):
+        starts(torch.tensor([2**31 - 1, 1]))
+    assert starts(torch.tensor([2**31 - 1])).tolist() == [0, 2**31 - 1]

@@ -7,6 +7,7 @@ from functools import cached_property
 import torch
 from torch.nn.functional import embedding_bag
 
+from texsss.errors import DomainError
 from texsss.types import Float, Int, Tensor
 
 MANY = 6  # columns from which rows of x are summed by embedding_bag, faster by a half
@@ -67,5 +68,12 @@ class Sparse:
 
 
 def starts(count: Int[Tensor, " rows"]) -> Int[Tensor, " starts"]:
-    """Where each row starts, and the last one ends, of rows with `count` entries."""
-    return torch.cat([count.new_zeros(1), count.cumsum(0)]).to(torch.int32)
+    """Where each row starts, and the last one ends, of rows with `count` entries.
+
+    Raises DomainError: when there are more than indices can count.
+    """
+    ends = count.cumsum(0)  # int64
+    total = int(ends[-1]) if len(ends) else 0
+    if total > torch.iinfo(torch.int32).max:
+        raise DomainError(f"starts: expected at most 2³¹ - 1 entries, got {total:,}; choose a smaller atlas.")
+    return torch.cat([ends.new_zeros(1), ends]).to(torch.int32)

@@ -1,12 +1,12 @@
-// Threads, vectors of columns, and columns of several arrays side by side, for products.cpp.
+// Vectors of columns, and columns of several arrays side by side, for products.cpp.
 
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
-#include <thread>
-#include <vector>
+
+#include "threads.h"
 
 #if defined(__AVX512F__) && defined(__AVX512VL__)
 #include <immintrin.h>
@@ -14,16 +14,6 @@
 #else
 #define MASKED 0
 #endif
-
-template <class Work>
-static void parallel(int64_t count, int64_t threads, Work work) {
-  threads = std::max<int64_t>(1, std::min(threads, count));
-  std::vector<std::thread> others;
-  for (int64_t t = 1; t < threads; t++)
-    others.emplace_back([=] { work(count * t / threads, count * (t + 1) / threads, t); });
-  work(0, count / threads, int64_t(0));
-  for (auto& other : others) other.join();
-}
 
 // Some columns of one row: W floats of which `n` are there.
 template <int W>

@@ -4,18 +4,9 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
-#include <thread>
 #include <vector>
 
-template <class Work>
-static void parallel(int64_t count, int64_t threads, Work work) {
-  threads = std::max<int64_t>(1, std::min(threads, count));
-  std::vector<std::thread> others;
-  for (int64_t t = 1; t < threads; t++)
-    others.emplace_back([=] { work(count * t / threads, count * (t + 1) / threads); });
-  work(0, count / threads);
-  for (auto& other : others) other.join();
-}
+#include "threads.h"
 
 // exp of 0 and less, to 2e-7; loops over it become vectors
 static inline float decay(float x) {

@@ -1,6 +1,6 @@
 // Products of the surface's operators with a few columns of values, stored row by row. Each is a plain loop
-// over rows; transposes gather too, or add up in a room of each thread's own, so that the same number of
-// threads gives the same bytes. What the arrays hold is said in kernels.py, runs.py, ways.py and gutter.py.
+// over rows; transposes gather too, or add up in rows of each part's own, so that any number of threads
+// gives the same bytes. What the arrays hold is said in kernels.py, runs.py, ways.py and gutter.py.
 
 #include <sys/mman.h>
 
@@ -79,7 +79,7 @@ void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int3
                   const float* before, const float* after, const float* x, int64_t count, float* scaled, float* y,
                   int64_t threads) {
   const int64_t plane = rows + 2 * margin + STRIP, strips = (rows + STRIP - 1) / STRIP;
-  parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(rows, threads, [=](int64_t first, int64_t last) {
     for (int64_t c = 0; c < count; c++) {
       float* to = scaled + c * plane + margin;
       for (int64_t i = first; i < last; i++) to[i] = before[i] * x[i * count + c];
@@ -87,7 +87,7 @@ void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int3
       if (last == rows) std::fill(to + rows, to + rows + margin + STRIP, 0.0f);
     }
   });
-  parallel(strips, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(strips, threads, [=](int64_t first, int64_t last) {
     if (count == 3)
       strips_times<3>(first, last, rows, margin, plane, start, distance, weight, single, lane, column, single_weight,
                       after, count, scaled, y);
@@ -101,7 +101,7 @@ void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int3
 // Row i: taps[b] for every bit b of mask[i], of consecutive ones of the `columns` rows of x from first[i] on
 void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const int32_t* mask, const float* taps,
                 const float* x, int64_t pitch, int64_t count, float* y, int64_t y_pitch, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(rows, threads, [=](int64_t first, int64_t last) {
     blocks(count, [=](auto some, int64_t c) {
       typedef typename decltype(some)::T T;
       float factor[GROUP][32];
@@ -150,7 +150,7 @@ void ways_up(int64_t cells, const int32_t* begin, const int32_t* order, const fl
              const float* x, int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
              int64_t points, const float* scale, int64_t threads) {
   const Groups out{address, groups, each, pitch, points, scale};
-  parallel(cells, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(cells, threads, [=](int64_t first, int64_t last) {
     blocks(groups * each, [&](auto some, int64_t c) {
       typedef typename decltype(some)::T T;
       const Parts parts(out, c, some.n);
@@ -180,7 +180,7 @@ void ways_down(int64_t cells, int64_t some_cells, const int32_t* begin, const in
                int64_t points, const float* scale, int64_t nodes, int64_t twins, const int32_t* twin, float* y,
                int64_t y_pitch, int64_t threads) {
   const Groups in{address, groups, each, pitch, points, scale};
-  parallel((cells + some_cells - 1) / some_cells, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel((cells + some_cells - 1) / some_cells, threads, [=](int64_t first, int64_t last) {
     last = std::min(cells, last * some_cells), first *= some_cells;
     blocks(groups * each, [&](auto some, int64_t c) {
       typedef typename decltype(some)::T T;
@@ -214,7 +214,7 @@ void ways_down(int64_t cells, int64_t some_cells, const int32_t* begin, const in
 // Means of covered rows, `each` columns, put behind them in every group
 void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
                   const int64_t* address, int64_t groups, int64_t each, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(rows, threads, [=](int64_t first, int64_t last) {
     for (int64_t g = 0; g < groups; g++) {
       float* copy = (float*)address[g];
       blocks(each, [=](auto columns, int64_t c) {
@@ -232,7 +232,7 @@ void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, con
 // The transpose, added to `covered` rows in each group of `to`: a group is one thread's
 void gutter_back(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
                  const int64_t* from, const int64_t* to, int64_t groups, int64_t each, int64_t threads) {
-  parallel(groups, threads, [=](int64_t first, int64_t last, int64_t) {
+  parallel(groups, threads, [=](int64_t first, int64_t last) {
     for (int64_t g = first; g < last; g++) {
       const float* grad = (const float*)from[g];
       float* sum = (float*)to[g];
