@@ -24,7 +24,7 @@ STAGE_VERSIONS = {
     "thickness": 1,
     "samples": 1,
     "octree": 1,
-    "weights": 2,
+    "weights": 3,
     "exitance": 1,
     "beneath": 1,
     "planes": 1,

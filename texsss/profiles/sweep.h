@@ -40,16 +40,18 @@ struct Face {
   // (s / σ)², σ the extinction near the face: a mean that weighs what is near
   V feels(float s) const {
     const int L = int(felt.size());
-    V near = felt[L - 1].sigma, left = all(1), mean = {};
-    for (int k = 0; k + 1 < L; k++) {
-      left *= decay(lesser(felt[k].tau + s * felt[k].depth, all(20)));
-      mean += (felt[k].sigma - felt[k + 1].sigma) * (1 - left);
+    V left = all(1), mean = {}, whole = {};  // shares only: differences of extinctions would cancel
+    for (int k = 0; k < L; k++) {
+      V share = left;
+      if (k + 1 < L || slab) {
+        Decayed fade = decayed(lesser(felt[k].tau + s * felt[k].depth, all(20)));
+        share = left * fade.gone, left *= fade.left;
+      }
+      mean += felt[k].sigma * share, whole += share;
     }
-    if (L > 1 && slab) {  // of a thin slab what is there
-      left *= decay(lesser(felt[L - 1].tau + s * felt[L - 1].depth, all(20)));
-      mean *= inverse(1 - left + TINY);
-    }
-    V u = s * inverse(near + mean);
+    // of a thin slab what is there
+    if (slab) mean = (mean + felt[L - 1].sigma * TINY) * inverse(whole + TINY);
+    V u = s * inverse(L == 1 ? felt[0].sigma : mean);
     return u * u;
   }
   V lost(int m, V x) const { return root(base[m] + gamma[m] * x) * loss[m]; }
@@ -179,7 +181,10 @@ struct Sweep {
     // (V Γ + diag(b) V) c = out
     V k1 = levels[0].k1, k2 = levels[0].k2;
     V M0 = g0 + b[0] + k1 * g2, M1 = g1 + k1 * (g3 + b[0]), M2 = g2 - k2 * (g0 + b[1]), M3 = g3 + b[1] - k2 * g1;
-    V reached = r0 * (M3 * out[0] - M1 * out[1]) + r1 * (M0 * out[1] - M2 * out[0]);
+    // if the first layer is absent all of both is so small that products vanish
+    V per = inverse(M3), p0 = out[0] * per, p1 = out[1] * per;
+    M0 *= per, M1 *= per, M2 *= per, M3 *= per;
+    V reached = r0 * (M3 * p0 - M1 * p1) + r1 * (M0 * p1 - M2 * p0);
     return reached * inverse(M0 * M3 - M1 * M2);
   }
 

@@ -221,10 +221,13 @@ def _coupled(levels, s2, b, out, lowest):
             torch.addcmul(gamma[2], k2, gamma[0] + b[1], value=-1),
             torch.addcmul(gamma[3] + b[1], k2, gamma[1], value=-1),
         )
-    c1 = torch.addcmul(M[3] * out[0], M[1], out[1], value=-1)
-    c2 = torch.addcmul(M[0] * out[1], M[2], out[0], value=-1)
+    # over M₂₂: if the first layer is absent all of M is so small that products vanish
+    M0, M1, M2 = (x / M[3] for x in M[:3])
+    p0, p1 = (x / M[3] for x in out)
+    c1 = torch.addcmul(p0, M1, p1, value=-1)
+    c2 = torch.addcmul(M0 * p1, M2, p0, value=-1)
     reached = torch.addcmul(response[0] * c1, response[1], c2)
-    return reached / torch.addcmul(M[0] * M[3], M[1], M[2], value=-1)
+    return reached / torch.addcmul(M0, M1, M2, value=-1)
 
 
 @no_type_check
@@ -262,17 +265,16 @@ def _felt(face, s):
     if len(face.felt) == 1:
         u = s / face.felt[0][0]
         return u * u
-    left, shares = None, []
-    for _, tau, depth in face.felt:
+    left, mean, whole = 1.0, 0.0, 0.0  # shares only: differences of extinctions would cancel
+    for sigma, tau, depth in face.felt:
+        share = left
         if tau is not None:
-            rest = torch.clamp(torch.addcmul(tau, s, depth), max=_FELT).neg_().exp_()
-            left = rest if left is None else left * rest
-            shares.append(1 - left)
-    whole = shares.pop() + TINY if len(shares) == len(face.felt) else None  # of a thin slab what is there
-    near = face.felt[-1][0]
-    for (sigma, _, _), (below, _, _), share in zip(face.felt, face.felt[1:], shares):
-        near = torch.addcmul(near, sigma - below, share if whole is None else share / whole)
-    u = s / near
+            x = torch.clamp(torch.addcmul(tau, s, depth), max=_FELT).neg_()
+            share, left = -left * torch.expm1(x), left * torch.exp(x)
+        mean, whole = mean + sigma * share, whole + share
+    if face.felt[-1][1] is not None:  # of a thin slab what is there
+        mean = (mean + face.felt[-1][0] * TINY) / (whole + TINY)
+    u = s / mean
     return u * u
 
 
