@@ -18,6 +18,7 @@ from texsss_server.settings import MB, Settings
 from texsss.errors import AssetError
 
 NAME = re.compile(r"[^\w. +-]")
+ARRIVING = ".texsss-upload-"  # files of ours that may be swept
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -34,7 +35,7 @@ class Store:
         self.folder = Path(self._own.name if self._own else settings.assets_dir or ".").resolve()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            for leftover in self.folder.glob("upload-*"):
+            for leftover in self.folder.glob(f"{ARRIVING}*"):
                 leftover.unlink(missing_ok=True)
             tempfile.TemporaryFile(dir=self.folder).close()
         except OSError as error:
@@ -110,7 +111,8 @@ class Store:
             self._arriving.release()
 
     async def _kept(self, name: str, chunks: AsyncIterator[bytes]) -> tuple[Asset, bool]:
-        handle, temporary = tempfile.mkstemp(prefix="upload-", dir=self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)  # somebody may have taken it away
+        handle, temporary = tempfile.mkstemp(prefix=ARRIVING, dir=self.folder)
         try:
             with os.fdopen(handle, "wb") as out:
                 digest = await self._write(out, chunks)
@@ -161,7 +163,7 @@ class Store:
         return self.folder / f"{asset.asset}{Path(asset.name).suffix.lower()}"
 
     def _describe(self, asset: Asset) -> None:
-        described = self.folder / f"upload-{asset.asset}.json"
+        described = self.folder / f"{ARRIVING}{asset.asset}.json"
         try:
             described.write_text(asset.model_dump_json(), encoding="utf-8")
             os.replace(described, self.folder / f"{asset.asset}.json")
@@ -171,7 +173,7 @@ class Store:
     def _files(self) -> list[tuple[int, int, str]]:
         """When each was used last [ns], its bytes and its sha256."""
         found = []
-        with os.scandir(self.folder) as entries:
+        with contextlib.suppress(FileNotFoundError), os.scandir(self.folder) as entries:
             for entry in entries:
                 asset, _, ending = entry.name.partition(".")
                 if SHA256.fullmatch(asset) and ending != "json":

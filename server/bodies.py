@@ -14,6 +14,7 @@ from texsss_server.problems import Problem, invalid, unquoted
 from texsss_server.service import Service, TheService
 from texsss_server.settings import MB, Settings
 
+from texsss.complaints import faults
 from texsss.errors import DomainError
 from texsss.scene import Scene, migrate
 from texsss.specs import Source
@@ -116,44 +117,30 @@ SceneBody = Annotated[Scene, Depends(scene_body)]
 
 
 def of_validation(error: ValidationError, data: Any, where: str = "body") -> Problem:
-    """422 with a JSON pointer for every complaint; what was sent is not repeated."""
-    errors: dict[tuple[str, str, str], dict[str, str]] = {}  # the same complaint may come from union members
-    complaints = error.errors(include_url=False, include_input=False, include_context=False)
-    for one in complaints[:MOST_TOLD]:
-        pointer, message = _pointer(one["loc"], data), one["msg"].removeprefix("Value error, ")
-        detail = unquoted(message, _at(one["loc"], data))
-        told = {"pointer": pointer, "in": where, "code": one["type"], "detail": detail}
-        errors.setdefault((pointer, one["type"], detail), told)
-    first = next(iter(errors.values()))
-    others = len(errors) - 1 + max(len(complaints) - MOST_TOLD, 0)
-    more = f" ({others} more)" if others else ""
-    return Problem(
-        "invalid-parameters", f"{first['pointer']}: {first['detail']}{more}", errors=list(errors.values())
-    )
+    """422 with a JSON pointer for every fault; texts that were sent are not repeated."""
+    found, count = faults(error, data, MOST_TOLD)
+    errors = [
+        {"pointer": _pointer(place), "in": where, "code": kind, "detail": unquoted(told, _at(place, data))}
+        for place, kind, told in found
+    ]
+    first = errors[0]
+    field = f"{first['pointer']}: " if first["pointer"] else ""
+    more = f" ({count - 1} more)" if count > 1 else ""
+    return Problem("invalid-parameters", f"{field}{first['detail']}{more}", errors=errors)
 
 
-def _at(loc: tuple, data: Any) -> Any:
+def _at(place: tuple, data: Any) -> Any:
     """What was sent at a place; the nearest that exists."""
-    for part in loc:
+    for part in place:
         in_list = isinstance(data, list) and isinstance(part, int) and part < len(data)
         if in_list or (isinstance(data, dict) and part in data):
             data = data[part]
     return data
 
 
-def _pointer(loc: tuple, data: Any) -> str:
-    """The JSON pointer to a place of `data`, without the names of union members that pydantic mixes in."""
-    parts, node = [], data
-    for i, part in enumerate(loc):
-        if isinstance(node, dict) and isinstance(part, str):
-            if part not in node and i < len(loc) - 1:
-                continue
-            parts.append(part)
-            node = node.get(part)
-        elif isinstance(node, list) and isinstance(part, int):
-            parts.append(str(part))
-            node = node[part] if part < len(node) else None
-    return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
+def _pointer(place: tuple) -> str:
+    """The JSON pointer to a place."""
+    return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in place)
 
 
 def _bound(value: Any) -> None:

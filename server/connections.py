@@ -1,8 +1,13 @@
 """Connections: how many there may be, how long a request's header may take, what cannot be read."""
 
 import asyncio
+import contextlib
+import fcntl
 import logging
 import secrets
+import termios
+from array import array
+from collections.abc import Callable
 from typing import Any
 
 import h11
@@ -18,15 +23,18 @@ log = logging.getLogger("texsss.server")
 class Connection(H11Protocol):
     """HTTP/1.1 whose refusals are problems like all others; what precedes an application is decided here.
 
-    Time runs from the opening of a connection, or from a request's first byte, to the end of its header;
-    bodies have limits of their own, idle connections uvicorn's.
+    Time runs from the opening of a connection, or from a request's first byte, to the end of its header,
+    and while a client takes nothing of its answer; bodies have limits of their own, idle connections
+    uvicorn's. `refused` hears the status of what is answered here.
     """
 
     settings: Settings
+    refused: Callable[[int], None]
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
         self._late: asyncio.TimerHandle | None = None
+        self._stuck: asyncio.TimerHandle | None = None
         self._heard = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -47,6 +55,19 @@ class Connection(H11Protocol):
         """Forgets it."""
         super().connection_lost(exc)
         self._unwatch()
+        self.resume_writing()
+
+    def pause_writing(self) -> None:
+        """Lets time run while an answer waits for its reader."""
+        super().pause_writing()
+        self._await_reader(self._unread())
+
+    def resume_writing(self) -> None:
+        """The reader has taken it."""
+        super().resume_writing()
+        if self._stuck is not None:
+            self._stuck.cancel()
+            self._stuck = None
 
     def send_400_response(self, msg: str) -> None:
         """The answer to what is no HTTP."""
@@ -71,6 +92,25 @@ class Connection(H11Protocol):
         detail = f"Expected the whole header within {self.settings.header_timeout_s:g} s."
         self._refuse(Problem("request-timeout", detail))
 
+    def _await_reader(self, waiting: int) -> None:
+        self._stuck = self.loop.call_later(self.settings.read_timeout_s, self._ask_reader, waiting)
+
+    def _ask_reader(self, before: int) -> None:
+        """Leaves a client that has taken nothing of its answer."""
+        waiting = self._unread()
+        if waiting < before:
+            self._await_reader(waiting)
+        else:
+            log.info("connection left: its client reads nothing", extra={"bytes": waiting})
+            self.transport.abort()
+
+    def _unread(self) -> int:
+        """Bytes of answers that its client has yet to take, the system's among them."""
+        unsent = array("i", [0])
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self.transport.get_extra_info("socket").fileno(), termios.TIOCOUTQ, unsent)
+        return self.transport.get_write_buffer_size() + unsent[0]
+
     def _refuse(self, problem: Problem) -> None:
         """Answers, unless an answer has begun, and closes."""
         name = secrets.token_hex(8)
@@ -80,12 +120,15 @@ class Connection(H11Protocol):
             headers = {"x-request-id": name, "connection": "close", "content-security-policy": API_CSP}
             given = [(key.encode(), value.encode()) for key, value in {**SECURITY, **headers}.items()]
             told = h11.Response(status_code=problem.status, headers=answer.raw_headers + given)
-            for event in (told, h11.Data(data=bytes(answer.body)), h11.EndOfMessage()):
+            is_head = self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD"
+            body = [] if is_head else [h11.Data(data=bytes(answer.body))]
+            for event in (told, *body, h11.EndOfMessage()):
                 self.transport.write(self.conn.send(event) or b"")
+            self.refused(problem.status)
         log.info("connection refused", extra={"status": problem.status, "reason": problem.slug})
         self.transport.close()
 
 
-def connections(settings: Settings) -> type[Connection]:
+def connections(settings: Settings, refused: Callable[[int], None]) -> type[Connection]:
     """The protocol of a server with these settings."""
-    return type("Connection", (Connection,), {"settings": settings})
+    return type("Connection", (Connection,), {"settings": settings, "refused": staticmethod(refused)})

@@ -47,8 +47,8 @@ class JobView(BaseModel):
 class Job:
     """Work under way, and what came of it."""
 
-    def __init__(self, kind: Literal["render", "bake"], turn: Turn):
-        self.id, self.turn = secrets.token_urlsafe(16), turn
+    def __init__(self, kind: Literal["render", "bake"], turn: Turn, tag: str):
+        self.id, self.turn, self.tag = secrets.token_urlsafe(16), turn, tag
         self.kind: Literal["render", "bake"] = kind
         self.created, self.finished_at = datetime.now(UTC), float("inf")
         self.answer: Answer | None = None
@@ -117,19 +117,28 @@ class Jobs:
     def __iter__(self):
         return iter(list(self._jobs.values()))
 
-    async def start(self, kind: Literal["render", "bake"], call: Call) -> Job:
-        """A job for `call`. Raises Problem: when too many wait."""
+    async def start(
+        self,
+        kind: Literal["render", "bake"],
+        call: Call,
+        tag: str = "",
+        keep: Callable[[str, Answer], None] = lambda tag, answer: None,
+    ) -> Job:
+        """A job for `call`, whose answer is named `tag` and handed to `keep`.
+
+        Raises Problem: when too many wait.
+        """
         self.expire()
         unfinished = sum(not job.finished for job in self)
         if unfinished >= self.settings.jobs:
             await asyncio.sleep(self.settings.queue_wait_s)
             raise retry_after("queue-full", f"{unfinished} jobs are unfinished; come back later.", 10)
         turn = Turn(self.settings.job_timeout_s, patience=JOB)
-        job = Job(kind, turn)
+        job = Job(kind, turn, tag)
         loop = asyncio.get_running_loop()
         turn.heard = lambda: loop.call_soon_threadsafe(job.notify)
         self._jobs[job.id] = job
-        task = asyncio.create_task(self._run(job, call))
+        task = asyncio.create_task(self._run(job, call, keep))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return job
@@ -171,11 +180,12 @@ class Jobs:
             job.turn.stop("stopping")
             job.notify()
 
-    async def _run(self, job: Job, call: Call) -> None:
+    async def _run(self, job: Job, call: Call, keep: Callable[[str, Answer], None]) -> None:
         try:
             answer = await self.worker.run(call, job.turn)
             if job.problem is None:  # else it was cancelled while its last step ran
                 job.answer = answer
+                keep(job.tag, answer)
         except Problem as problem:
             bare(problem)
             job.problem = job.problem or problem

@@ -47,6 +47,10 @@ class Metrics:
         self._requests.labels(method if method in METHODS else "other", route, status).inc()
         self._seconds.labels(route).observe(seconds)
 
+    def refused(self, status: int) -> None:
+        """Counts what was answered before it was a request."""
+        self._requests.labels("other", "unreadable", status).inc()
+
     def stages(self, seconds: dict[str, float]) -> None:
         """Notes what the stages of a computation took."""
         for stage, value in list(seconds.items()):

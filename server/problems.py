@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from starlette.responses import Response
 
+from texsss.complaints import field_names
 from texsss.errors import (
     AssetError,
     Cancelled,
@@ -149,7 +150,8 @@ def _strings(data: Any) -> Iterator[str]:
         yield data
     elif isinstance(data, dict):
         for key, value in data.items():
-            yield key
+            if key not in field_names():
+                yield key
             yield from _strings(value)
     elif isinstance(data, list):
         for value in data:

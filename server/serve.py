@@ -15,7 +15,7 @@ from texsss_server.app import create_app
 from texsss_server.connections import connections
 from texsss_server.logs import configure
 from texsss_server.service import Service
-from texsss_server.settings import Settings
+from texsss_server.settings import Settings, unknown
 
 from texsss.ahead import Ahead
 from texsss.errors import DomainError
@@ -115,6 +115,8 @@ def serve(settings: Settings, ahead: Ahead) -> None:
     Raises DomainError, AssetError: when the settings cannot serve.
     """
     configure(settings.log_format)
+    for name in unknown():
+        log.warning(f"{name} is no setting; see docs/service.md")
     share_heaps()
     open_files()
     bound = listening(settings.host, settings.port)
@@ -123,7 +125,7 @@ def serve(settings: Settings, ahead: Ahead) -> None:
         app,
         host=settings.host,
         port=settings.port,
-        http=connections(settings),
+        http=connections(settings, app.state.service.metrics.refused),
         log_config=None,
         access_log=False,
         server_header=False,

@@ -138,7 +138,7 @@ class Service:
         call = _told(call, getattr(request.state, "sent", None))
         wishes = preferences(request)
         if kind is not None and "respond-async" in wishes:
-            job = await self._job(request, kind, call, _wait_s(wishes))
+            job = await self._job(request, kind, call, tag, _wait_s(wishes))
             if job.answer is None:
                 return _accepted(job)
             known = job.answer
@@ -149,12 +149,17 @@ class Service:
         return success(known, _caching(tag) | _timing(known))
 
     async def _job(
-        self, request: Request, kind: Literal["render", "bake"], call: Callable[..., Answer], wait_s: int
+        self,
+        request: Request,
+        kind: Literal["render", "bake"],
+        call: Callable[..., Answer],
+        tag: str,
+        wait_s: int,
     ) -> Job:
         """A job for `call`, which ends here if that takes at most `wait_s`. Raises Problem."""
         if self.unready:
             raise self.unready
-        job = await self.jobs.start(kind, call)
+        job = await self.jobs.start(kind, call, tag, self.answers.put)
         if not wait_s:
             return job
         end = asyncio.ensure_future(job.end())

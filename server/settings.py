@@ -1,10 +1,11 @@
 """What an operator may choose, by environment (TEXSSS_PORT=…) or command line."""
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from texsss.errors import DomainError
@@ -12,6 +13,7 @@ from texsss.errors import DomainError
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
 MB = 1 << 20
+OTHERS = {"TEXSSS_CACHE_DIR", "TEXSSS_FUZZ_CASES", "TEXSSS_LOAD_S"}  # of the library, and of tests
 
 
 class Settings(BaseSettings):
@@ -49,12 +51,14 @@ class Settings(BaseSettings):
     jobs: Count = 32
     jobs_mb: Positive = 512
     """Results of jobs."""
-    grace_s: Annotated[float, Field(ge=0)] = 20
+    grace_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 20
     """How long work may go on after SIGTERM."""
 
     connections: Count = 1000
     """Open at a time, idle ones included."""
     header_timeout_s: Positive = 20
+    read_timeout_s: Positive = 60
+    """After which a client that takes nothing of its answer is left."""
     body_mb: Positive = 1
     body_timeout_s: Positive = 20
     upload_mb: Positive = 64
@@ -84,10 +88,26 @@ class Settings(BaseSettings):
         for name in ("allowed_hosts", "cors_origins"):
             value = given.get(name, os.environ.get(f"TEXSSS_{name.upper()}"))
             if isinstance(value, str):
-                given[name] = tuple(value.split())
-        if given.get("allowed_hosts"):
-            given["allowed_hosts"] = tuple(name.lower() for name in given["allowed_hosts"])  # pyright: ignore
+                given[name] = tuple(re.split(r"[\s,]+", value.strip().lower()))
+        if not given.get("assets_dir", os.environ.get("TEXSSS_ASSETS_DIR")):
+            given["assets_dir"] = None  # an empty name is none, not the current folder
         super().__init__(**given)  # pyright: ignore[reportArgumentType]
+
+    @field_validator("allowed_hosts")
+    @classmethod
+    def _named(cls, hosts: tuple[str, ...]) -> tuple[str, ...]:
+        for host in hosts:
+            if not re.fullmatch(r"\*|[\w.-]+|[0-9a-fA-F:]+", host):
+                raise ValueError(f"expected names of hosts such as bake.example, or *, got {host!r}")
+        return tuple(host.lower() for host in hosts)
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _origins(cls, origins: tuple[str, ...]) -> tuple[str, ...]:
+        for origin in filter(None, origins):
+            if not re.fullmatch(r"\*|https?://[^/\s]+", origin):
+                raise ValueError(f"expected origins such as https://studio.example, got {origin!r}")
+        return tuple(filter(None, origins))
 
 
 def of_options(**given: object) -> Settings:
@@ -100,4 +120,11 @@ def of_options(**given: object) -> Settings:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = ".".join(str(part) for part in first["loc"])
-        raise DomainError(f"Settings: {name}: {first['msg'].lower()}; see docs/service.md.") from None
+        said = first["msg"].removeprefix("Value error, ")
+        raise DomainError(f"Settings: {name}: {said[0].lower()}{said[1:]}; see docs/service.md.") from None
+
+
+def unknown() -> list[str]:
+    """Variables that look like settings, and are none."""
+    known = {f"TEXSSS_{name.upper()}" for name in Settings.model_fields} | OTHERS
+    return sorted(name for name in os.environ if name.startswith("TEXSSS_") and name not in known)

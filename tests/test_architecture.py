@@ -71,7 +71,7 @@ MAY_IMPORT = {
 
 SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
-    "ahead",
+    *("ahead", "complaints"),
     *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "curve"),
     "gallery",
 }

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 from difflib import get_close_matches
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -36,25 +37,41 @@ BOUNDS = {
 }
 
 
+class Fault(NamedTuple):
+    """What is wrong at one place of plain data: what was expected, what came; `kind` as pydantic has it."""
+
+    place: tuple
+    kind: str
+    told: str
+
+
+def faults(error: ValidationError, data: Any, most: int) -> tuple[list[Fault], int]:
+    """What is wrong with `data` at the first `most` places, and at how many something is."""
+    meant: dict[tuple, list] = {}
+    for problem in error.errors(include_url=False):
+        meant.setdefault(_place(problem, data), []).append(problem)
+    # of something that may be this or that, what went deepest was meant; and a part of which something is
+    # wrong may be called wrong as a whole, too
+    whole = {place[:k] for place in meant for k in range(len(place))}
+    places = [place for place in meant if place not in whole]
+    return [_fault(place, meant[place]) for place in places[:most]], len(places)
+
+
+def _fault(place: tuple, problems: list) -> Fault:
+    value = problems[0]["input"]
+    # a number that is too large is no misspelt name, a list that is too short no misunderstood number
+    bounds = [problem for problem in problems if problem["type"] in BOUNDS or _item_missing(problem)]
+    if bounds and isinstance(value, int | float | list | tuple):
+        problems = bounds
+    return Fault(place, problems[0]["type"], _told(problems, place, value))
+
+
 def one_sentence(error: ValidationError, data: Any) -> str:
     """The first fault of `data` with its field, what was expected and what came; others are counted."""
-    problems = error.errors(include_url=False)
-    places = [_place(problem, data) for problem in problems]
-    first = places[0]
-    # of something that may be this or that, what went deepest was meant
-    here = [k for k, place in enumerate(places) if place[: len(first)] == first]
-    deepest = max((places[k] for k in here), key=len)
-    meant = [problems[k] for k in here if places[k] == deepest]
-    value = meant[0]["input"]
-    # a number that is too large is no misspelt name, a list that is too short no misunderstood number
-    bounds = [problem for problem in meant if problem["type"] in BOUNDS or _item_missing(problem)]
-    if bounds and isinstance(value, int | float | list | tuple):
-        meant = bounds
-    field = ".".join(map(str, deepest)) + ": " if deepest else ""
-    # a part of which something is wrong may be called wrong as a whole, too
-    others = len({p for p in places if p[: len(first)] != first and first[: len(p)] != p})
-    more = f" ({others} more)" if others else ""
-    return f"Scene: {field}{_told(meant, deepest, value)}{more}."
+    (first,), count = faults(error, data, 1)
+    field = ".".join(map(str, first.place)) + ": " if first.place else ""
+    more = f" ({count - 1} more)" if count > 1 else ""
+    return f"Scene: {field}{first.told}{more}."
 
 
 def _place(problem: Any, data: Any) -> tuple:
@@ -85,7 +102,7 @@ def _told(problems: list, place: tuple, value: Any) -> str:
     first = problems[0]
     kind = first["type"]
     if kind == "extra_forbidden":
-        near = get_close_matches(str(place[-1]), sorted(set(_fields(Model))), 1, 0.75)
+        near = get_close_matches(str(place[-1]), sorted(field_names()), 1, 0.75)
         return "there is no field of this name" + (f"; did you mean {near[0]}" if near else "")
     if kind == "value_error":
         return first["msg"].removeprefix("Value error, ")
@@ -125,6 +142,7 @@ def _models(root: type[Model]) -> Iterator[type[Model]]:
         yield from _models(model)
 
 
-def _fields(root: type[Model]) -> Iterator[str]:
-    for model in _models(root):
-        yield from model.model_fields
+@cache
+def field_names() -> frozenset[str]:
+    """Of all parts of a scene."""
+    return frozenset(name for model in _models(Model) for name in model.model_fields)

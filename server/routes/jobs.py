@@ -59,7 +59,7 @@ async def result(job: TheJob) -> Response:
     """The image, model or bundle."""
     if job.answer is not None:
         job.fetched = True
-        return success(job.answer, {"cache-control": "no-store"})
+        return success(job.answer, {"cache-control": "no-store", "etag": job.tag})
     if job.problem is not None:
         cause = job.problem.as_dict(job.id)
         raise Problem("job-failed", f"The job ended without a result: {job.problem.detail}", cause=cause)

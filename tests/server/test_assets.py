@@ -153,16 +153,16 @@ def test_client_killed_in_mid_stream_leaves_nothing(server, client):
         head = "POST /v1/assets?name=a.obj HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n"
         wire.sendall(f"{head}Content-Length: 1000000\r\n\r\n".encode() + b"v 0 0 0\n" * 100)
         deadline = time.monotonic() + 5
-        while not list(server.assets.glob("upload-*")):
+        while not list(server.assets.glob(".texsss-upload-*")):
             assert time.monotonic() < deadline, "the upload never began"
             time.sleep(0.01)
         wire.setsockopt(
             socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
         )  # reset, as kill -9 does
     deadline = time.monotonic() + 5
-    while list(server.assets.glob("upload-*")) and time.monotonic() < deadline:
+    while list(server.assets.glob(".texsss-upload-*")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not list(server.assets.glob("upload-*"))
+    assert not list(server.assets.glob(".texsss-upload-*"))
     assert held(before) == held(client.get("/metrics").text)
 
 
@@ -187,7 +187,7 @@ def test_killed_reader_is_told_and_replaced(server, client):
     thread.join()
     problem(answers[0], 422, "parse-limit")
     assert upload(client, torus_obj(around=22), "next.obj").status_code == 201
-    assert not list(server.assets.glob("upload-*"))
+    assert not list(server.assets.glob(".texsss-upload-*"))
 
 
 def test_full_disk_is_told(server, client):
@@ -197,7 +197,7 @@ def test_full_disk_is_told(server, client):
         problem(upload(client, torus_obj(around=23), "full.obj"), 507, "storage-full")
     finally:
         resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, old)
-    assert not list(server.assets.glob("upload-*"))
+    assert not list(server.assets.glob(".texsss-upload-*"))
     assert upload(client, torus_obj(around=23), "full.obj").status_code == 201
 
 
@@ -215,4 +215,4 @@ def test_every_bad_file_is_a_4xx_or_a_mesh(shared_data, tmp_path, server, client
             assert 400 <= answer.status_code < 500, (path, answer.text)
         told[answer.status_code] = told.get(answer.status_code, 0) + 1
     assert sum(told.values()) > 150 and client.get("/healthz").status_code == 200
-    assert not list(server.assets.glob("upload-*"))
+    assert not list(server.assets.glob(".texsss-upload-*"))

@@ -10,6 +10,7 @@ import pytest
 from texsss_server.problems import KINDS
 from texsss_server.settings import Settings
 
+ADDRESS = "http://127.0.0.1:8000"
 TEXT = (Path(__file__).parents[2] / "docs" / "service.md").read_text()
 
 
@@ -22,7 +23,7 @@ def test_python_client_bakes(server, torus, tmp_path):
     (tmp_path / "torus.obj").write_bytes(torus)
     code = block("python")
     assert len([line for line in code.splitlines() if line]) <= 12
-    script = [sys.executable, "-c", f"URL = {server.url!r}\n{code}"]
+    script = [sys.executable, "-c", code.replace(ADDRESS, server.url)]
     told = subprocess.run(script, cwd=tmp_path, check=True, timeout=120, capture_output=True, text=True)
     assert (tmp_path / "model.glb").read_bytes()[:4] == b"glTF"
     assert "event: done" in told.stdout
@@ -32,7 +33,7 @@ def test_curl_lines_work(server, torus, tmp_path):
     if shutil.which("curl") is None:
         pytest.skip("curl is absent: the lines of docs/service.md were not tried")
     (tmp_path / "torus.obj").write_bytes(torus)
-    script = f"set -e\nURL={server.url}\n{block('sh')}"
+    script = f"set -e\n{block('sh').replace(ADDRESS, server.url)}"
     subprocess.run(["sh", "-c", script], cwd=tmp_path, check=True, timeout=120)
     begins = {"picture.jpg": b"\xff\xd8\xff", "exitance.exr": b"v/1\x01", "model.glb": b"glTF"}
     for name, magic in begins.items():

@@ -139,4 +139,4 @@ def test_mixed_load(loaded, torus):
     half = [max(mb for at, mb in memory if (at > SECONDS / 2) == late) for late in (False, True)]
     assert max(by_minute) <= 1.1 * by_minute[0] and half[1] <= 1.5 * half[0]
     assert slowest < 1.0  # 0.1 on a machine of one's own
-    assert not list(server.assets.glob("upload-*"))
+    assert not list(server.assets.glob(".texsss-upload-*"))

@@ -26,6 +26,7 @@ PR_SET_PDEATHSIG = 1  # of Linux' prctl
 
 def main(descriptor: int) -> None:
     """Answers requests (options as JSON, then the file's bytes) until the other end closes."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a stop of all is for the other end, which ends us
     link = Connection(descriptor)
     while True:
         try:

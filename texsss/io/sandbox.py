@@ -128,6 +128,7 @@ class Sandbox:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl+C is for us: we end it
             )
         self._link = Connection(ours.detach())
         return self._link
