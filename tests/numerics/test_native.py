@@ -38,6 +38,25 @@ def test_without_a_compiler_there_is_one_notice(source, monkeypatch):
 
 
 @pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing can be built")
+def test_what_is_damaged_is_built_again(source, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", "beside")  # as good as a whole path
+    assert native._built(source, (("FACTOR", 2),)) is not None
+    (made,) = (tmp_path / "beside" / "native").glob("*.so")
+    made.write_bytes(b"")
+    found = native.library(source, {"FACTOR": 2})
+    assert found is not None and found.times(21) == 42
+
+
+def test_a_compiler_may_have_arguments(monkeypatch):
+    native._compiler.cache_clear()
+    monkeypatch.setenv("CXX", "env g++")
+    found = native._compiler()
+    native._compiler.cache_clear()
+    assert found is not None and found[0].endswith("/env") and found[1:] == ("g++",)
+
+
+@pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing can be built")
 def test_what_cannot_be_built_is_done_without(source):
     native.notice.cache_clear()
     source.write_text("nonsense")

@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import os
 import platform
+import shlex
 import shutil
 import signal
 import subprocess
@@ -51,7 +52,11 @@ def _library(source: Path, macros: tuple[tuple[str, int], ...]) -> ctypes.CDLL |
         if path is None:
             notice("no C++ compiler was found")
             return None
-        return ctypes.CDLL(str(path))
+        try:
+            return ctypes.CDLL(str(path))
+        except OSError:  # damaged: once more
+            path.unlink(missing_ok=True)
+            return ctypes.CDLL(str(_built(source, macros)))
     except (OSError, subprocess.SubprocessError) as error:
         notice(f"a C++ file could not be built ({type(error).__name__})")
         return None
@@ -65,7 +70,7 @@ def _built(
     if compiler is None:
         return None
     text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
-    command = [compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
+    command = [*compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
     key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
     path = _folder() / f"{source.stem}-{key}.so"
     with _LOCKS.setdefault(path, threading.Lock()):  # whoever comes second waits for what the first builds
@@ -94,18 +99,23 @@ def _build(command: list[str], path: Path, cancel: Callable[[], bool]) -> None:
                 running.wait()
         if running.returncode:
             raise subprocess.CalledProcessError(running.returncode, command)
+        with made.open("rb") as file:
+            os.fsync(file.fileno())  # whole or not at all, even if the power fails
         os.replace(made, path)
 
 
 @cache
-def _compiler() -> str | None:
-    named = os.environ.get("CXX")
-    return next((found for name in (named, "g++", "clang++") if name and (found := shutil.which(name))), None)
+def _compiler() -> tuple[str, ...] | None:
+    """The command that compiles: CXX, which may have arguments, or what is usual."""
+    for name, *arguments in (shlex.split(os.environ.get("CXX", "")) or [""], ["g++"], ["clang++"]):
+        if found := shutil.which(name):
+            return os.path.abspath(found), *arguments
+    return None
 
 
 @cache
-def _version(compiler: str) -> str:
-    return subprocess.run([compiler, "--version"], capture_output=True, text=True, timeout=PATIENCE_S).stdout
+def _version(compiler: tuple[str, ...]) -> bytes:
+    return subprocess.run([*compiler, "--version"], capture_output=True, timeout=PATIENCE_S).stdout
 
 
 @cache
@@ -119,7 +129,7 @@ def _processor() -> str:
 
 
 def _folder() -> Path:
-    return Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")) / "native"
+    return Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")).absolute() / "native"
 
 
 @cache
