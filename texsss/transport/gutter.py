@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import scipy  # its parts are loaded where they are first used
 import torch
 
+from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse, starts
-from texsss.transport.loops import addresses, call, products, room
+from texsss.transport.loops import addresses, call, products
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 
 AROUND = 8  # texels of the surface that a gutter texel's value is made of

@@ -6,8 +6,9 @@ from typing import Any
 
 import torch
 
+from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse, starts
-from texsss.transport.loops import call, products, room
+from texsss.transport.loops import call, products
 from texsss.types import Float, Int, Tensor
 
 WHOLE = (1 << 15) - 1  # that weights are counted in: the weight of a point's own value

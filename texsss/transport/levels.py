@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import torch
 
+from texsss.numerics.memory import room
 from texsss.transport.lattice import Blur
-from texsss.transport.loops import Scratch, room
+from texsss.transport.loops import Scratch
 from texsss.transport.ways import Ways, padded
 from texsss.types import Float, Tensor
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import torch
 
+from texsss.numerics.memory import room
 from texsss.numerics.native import library
 from texsss.types import Float, Int, Tensor
 
 PRODUCTS = Path(__file__).with_name("products.cpp")
 PAIRS = Path(__file__).with_name("pairs.cpp")
-LARGE = 1 << 22  # bytes; from which new memory is asked for in large pages
 
 
 def products(*values: Tensor) -> ctypes.CDLL | None:
@@ -46,15 +46,6 @@ def _argument(value: Tensor | int | float | None) -> Any:
     if isinstance(value, int):
         return ctypes.c_int64(value)
     return ctypes.c_void_p(None) if value is None else ctypes.c_float(value)
-
-
-def room(like: Tensor, *shape: int) -> Tensor:
-    """New memory of `shape`, its content undefined."""
-    made = like.new_empty(*shape)
-    size = made.numel() * made.element_size()
-    if size >= LARGE and (found := products(made)) is not None:
-        found.roomy(ctypes.c_void_p(made.data_ptr()), ctypes.c_int64(size))
-    return made
 
 
 class Scratch:

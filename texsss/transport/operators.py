@@ -16,13 +16,13 @@ from typing import Any
 import torch
 
 from texsss.errors import DomainError
+from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
 from texsss.transport.gutter import fill_gutter, from_gutter, gutter_means
 from texsss.transport.kernels import Kernel
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
-from texsss.transport.loops import room
 from texsss.transport.smoothing import smoothing
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 

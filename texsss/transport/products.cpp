@@ -2,8 +2,6 @@
 // over rows; transposes gather too, or add up in rows of each part's own, so that any number of threads
 // gives the same bytes. What the arrays hold is said in kernels.py, runs.py, ways.py and gutter.py.
 
-#include <sys/mman.h>
-
 #include "columns.h"
 
 static inline void corner_weights(const float* beyond, float w[8]) {
@@ -64,13 +62,6 @@ static inline void packed_taps(uint32_t mask, const float* taps, float* factor) 
 }
 
 extern "C" {
-
-// Asks for large pages, where the system has some: new memory is dear page by page.
-void roomy(float* from, int64_t bytes) {
-  const uintptr_t page = 1 << 21;
-  const uintptr_t first = (uintptr_t(from) + page - 1) & ~(page - 1), last = (uintptr_t(from) + bytes) & ~(page - 1);
-  if (first < last) madvise((void*)first, last - first, MADV_HUGEPAGE);
-}
 
 // y = after · W (before · x), W of whole numbers: by diagonals of STRIP rows, and single entries. `scaled`: a
 // plane of `margin` + rows + `margin` + STRIP for every column.

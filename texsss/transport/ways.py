@@ -7,8 +7,9 @@ from typing import Any
 
 import torch
 
+from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse, starts
-from texsss.transport.loops import addresses, call, products, room
+from texsss.transport.loops import addresses, call, products
 from texsss.types import Float, Int, Tensor
 
 WIDTHS = 1, 4, 8, 16  # of vectors, in columns
