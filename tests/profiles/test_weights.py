@@ -11,7 +11,7 @@ from texsss.numerics.quadrature import graded
 from texsss.profiles.burley import Burley, fit_burley
 from texsss.profiles.fit import fit_error, fit_gaussians
 from texsss.profiles.gaussians import GaussianSum, human_skin
-from texsss.profiles.hankel import hankel_profiles
+from texsss.profiles.hankel import as_table, flat_profile, hankel_profiles
 from texsss.profiles.project import frequencies, project, radial_error, variance_ladder
 from texsss.profiles.weights import weights_for
 
@@ -128,6 +128,29 @@ def test_maps_that_vary_independently_stay_exact():
     assert len(weights_for(free, ladder, model="layered-diffusion").table) == 64 * 64
     mixed = Stack([Layer(mix(preset("skin1"), preset("skin2"), a), 0.5), Layer(preset("skin1"))])
     assert len(weights_for(mixed, ladder, model="layered-diffusion").table) <= 256
+
+
+@pytest.mark.parametrize("levels", [None, 256])
+@pytest.mark.parametrize(
+    ("what", "extreme"), [("film", 1e5), ("film", 1000.0), ("ink", 40.0), ("black", 1e5)]
+)
+def test_a_few_extreme_texels_flatten_no_map(what, extreme, levels):
+    """Against every row on its own; worst 4e-4, of levels; with steps of the whole range .36."""
+    map_ = torch.rand(100, 100, generator=torch.Generator().manual_seed(3))
+    map_ = map_ * 0.5 if what == "film" else map_ * 0.05 + 0.001
+    map_[:10, :20] = extreme
+    if what == "black":  # thicknesses only have no end
+        map_[:50] = torch.linspace(6e4, 1.6e5, 5000).view(50, 100)
+    if what == "film":
+        stack = Stack([Layer(Medium(0.01, 3.0), map_), Layer(Medium(0.5, 5.0))])
+    else:
+        stack = Stack(Layer(Medium(map_, 2.0)))
+    ladder = variance_ladder(0.4, 400.0, 2)
+    made = weights_for(stack, ladder, model="layered-diffusion", levels=levels, channels=1)
+    own = as_table(stack, torch.float32).expand(1)
+    own = own.of([x.reshape(-1, *x.shape[-2:]) for x in own.fields])
+    exact = flat_profile(own, ZERO.float(), model="layered-diffusion", side="reflectance")
+    torch.testing.assert_close(made.total[:, 0], exact.flatten(), rtol=0, atol=5e-4)
 
 
 @pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])

@@ -8,11 +8,15 @@ from texsss.types import Float, Int, Tensor, chunks
 
 TABLE = 8  # texels per row, from which rows are few enough as they are
 MAPS = 2  # that vary independently, at most, for rounding to make a table of them
-ENDLESS = FAR_MM / 2  # thicker layers have no end; no other column holds numbers as large
+ENDLESS = FAR_MM / 2  # [mm], thicker layers have no end
 ALIKE = 255 * 256  # steps of a column's range, within which values count as equal; whole for 8-bit maps
 SAMPLE = 2**10  # rows that are looked at before all are compared: of a table's some are equal
 BLOCK = 2**14  # rows compared at once
 FEW = 256  # rows that show which columns vary together
+JUDGED = 2**12  # rows that show what rounding loses
+LOST_ALIKE = 1e-3  # of values on average, at most, where those within a step are taken as equal
+LOST_LEVELS = 0.02  # ... and by rounding to levels
+LOOKED_UP = 1e-6  # [mm or 1/mm], look-ups round by as much, so that nothing is lost by less
 PAIRS = 2**22  # of levels of two maps, at most, for a look-up table
 
 
@@ -39,12 +43,18 @@ def distinct(
     varying = flat[:, columns]
     if varying.shape[1] == 0:
         return table.rows(slice(0, 1)), torch.zeros(count, dtype=torch.int32, device=device)
-    first, row = _unique_rows(_keys(varying))
-    if levels is not None and len(first) > count / TABLE and _independent(varying) <= MAPS:
-        low, high = varying.aminmax(dim=0)
+    ends = _ends(table)[columns]
+    judged = slice(None, None, count // JUDGED | 1)
+    first, row = _unique_rows(_keys(varying, ends))
+    if _lost(varying[judged], varying[first[row[judged]]], ends) > LOST_ALIKE:
+        first, row = _unique_rows(torch.where(varying > ends, FAR_MM, varying))
+    if levels is not None and len(first) > count / TABLE and _independent(varying, ends) <= MAPS:
+        low, high = _range(varying, ends)
         step = (high - low) / (levels - 1)
-        varying = low + torch.round((varying - low) / step) * step
-        first, row = _unique_rows(varying)
+        rounded = torch.where(varying > ends, FAR_MM, low + torch.round((varying - low) / step) * step)
+        if _lost(varying[judged], rounded[judged], ends) < LOST_LEVELS:
+            varying = rounded
+            first, row = _unique_rows(varying)
     flat = flat[first]
     flat[:, columns] = varying[first]
     fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
@@ -62,23 +72,31 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
     columns = (some != some[:1]).any(0).nonzero()[:, 0]
     if not len(columns):
         return None
-    bases = columns[_bases(some[:, columns])]
+    some, ends = some[:, columns], _ends(table)
+    low, high = _range(some, ends[columns])
+    bases = columns[_bases(some, ends[columns])]
     if len(bases) > MAPS:
         return None
     row, sets = torch.zeros(count, dtype=torch.long, device=some.device), 1
     shape = (len(fields), *fields[0].shape[1:])
     for field, layer, channel in zip(*(x.tolist() for x in torch.unravel_index(bases, shape)), strict=True):
-        level, levels = _numbered(_keys(fields[field][:, layer, channel, None].contiguous())[:, 0].long())
+        column = fields[field][:, layer, channel, None].contiguous()
+        end = ends.view(shape)[field, layer, channel]
+        level, levels = _numbered(_keys(column, end)[:, 0].long())
         row, sets = row * levels + level, sets * levels
         if sets > PAIRS:
             return None
     row, sets = _numbered(row)
     first = torch.full((sets,), count, device=row.device)
     first.scatter_reduce_(0, row, torch.arange(count, device=row.device), "amin")
-    low, high = _range(some[:, columns])
     least = float((high - low).min()) / ALIKE
     moving = set(torch.unravel_index(columns, shape)[0].tolist())
     known = [x[first] if k in moving else x[:1] for k, x in enumerate(fields)]
+    judged = slice(None, None, count // JUDGED | 1)
+    for k in moving:
+        true, kept = fields[k][judged].flatten(1), known[k][row[judged]].flatten(1)
+        if _lost(true, kept, ends.view(len(fields), -1)[k]) > LOST_ALIKE:
+            return None
 
     def alike(part: slice) -> bool:
         for k, x in enumerate(fields):
@@ -103,39 +121,59 @@ def _numbered(key: Int[Tensor, " P"]) -> tuple[Int[Tensor, " P"], int]:
 def _all_differ(few: LayerTable, levels: int | None) -> bool:
     """Whether some rows of a table show that hardly any two are alike, nor would be after rounding."""
     flat = torch.cat([x.reshape(few.batch[0], -1) for x in few.fields], 1)
-    varying = flat[:, (flat != flat[:1]).any(0)]
-    if varying.shape[1] == 0 or (levels is not None and _independent(varying) <= MAPS):
+    columns = (flat != flat[:1]).any(0)
+    varying, ends = flat[:, columns], _ends(few)[columns]
+    if varying.shape[1] == 0 or (levels is not None and _independent(varying, ends) <= MAPS):
         return False
-    return len(_unique_rows(_keys(varying))[0]) == len(varying)
+    return len(_unique_rows(_keys(varying, ends))[0]) == len(varying)
 
 
-def _keys(varying: Float[Tensor, "P F"]) -> Float[Tensor, "P F"]:
+def _ends(table: LayerTable) -> Float[Tensor, " F"]:
+    """What is endless in every column of the fields side by side: only thicknesses can be."""
+    ends = table.sigma_a.new_full((len(table.fields), table.sigma_a.shape[-2:].numel()), torch.inf)
+    ends[-1] = ENDLESS
+    return ends.flatten()
+
+
+def _keys(varying: Float[Tensor, "P F"], ends: Tensor) -> Float[Tensor, "P F"]:
     """Columns in steps of their range: look-ups round what is equal in a map, by some 1e-6 of it."""
-    low, high = _range(varying)
+    low, high = _range(varying, ends)
     steps = torch.round((varying - low) * (ALIKE / (high - low)))
-    return torch.where(varying > ENDLESS, steps.new_tensor(ALIKE + 1), steps)
+    return torch.where(varying > ends, steps.new_tensor(ALIKE + 1), steps)
 
 
-def _range(values: Float[Tensor, "P F"]) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
+def _lost(values: Float[Tensor, "J F"], kept: Float[Tensor, "J F"], ends: Tensor) -> float:
+    """How far values are from what is kept of them on average, as a share of each, in the worst column.
+
+    Much, where a few great values make the steps of a range large.
+    """
+    endless = values > ends
+    size = torch.where(endless, 0, values).abs()
+    moved = ((kept - values).abs() - LOOKED_UP).clamp_min(0) / size.clamp_min(1e-30)
+    # endless stays endless, whatever its number
+    return float(torch.where(endless, 0, moved.clamp_max(1)).mean(0).max())
+
+
+def _range(values: Float[Tensor, "P F"], ends: Tensor) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
     """Least and greatest value of every column, but for endless layers: in steps of their size all are one.
 
     Where nothing else differs, the range is as wide as the value.
     """
-    near = values <= ENDLESS
+    near = values <= ends
     low = torch.where(near, values, torch.inf).amin(0).clamp_max(FAR_MM)
     high = torch.where(near, values, -torch.inf).amax(0)
     return low, torch.where(high > low, high, 2 * low.abs() + 1e-30)
 
 
-def _independent(varying: Float[Tensor, "P F"]) -> int:
+def _independent(varying: Float[Tensor, "P F"], ends: Tensor) -> int:
     """How many columns differ by more than scale and offset, judged by a few hundred rows."""
-    return len(_bases(varying[:: len(varying) // FEW | 1]))
+    return len(_bases(varying[:: len(varying) // FEW | 1], ends))
 
 
-def _bases(some: Float[Tensor, "P F"]) -> list[int]:
+def _bases(some: Float[Tensor, "P F"], ends: Tensor) -> list[int]:
     """Columns of which all others differ only by scale and offset."""
-    low, high = some.aminmax(dim=0)
-    some = (some - low) / (high - low)
+    low, high = _range(some, ends)
+    some = (torch.where(some > ends, high, some) - low) / (high - low)
     some = torch.where(some[:1] > 0.5, 1 - some, some)  # a map and its inverse are one
     left, bases = torch.arange(some.shape[1]), []
     while len(left):

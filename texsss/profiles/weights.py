@@ -73,8 +73,10 @@ def weights_for(
     `material`: a stack whose maps are looked up at `points_uv` (P, 2); a uniform one has a single row,
     shared by all of `points_uv` or by `points` texels. `side`: reflectance or transmittance. Equal rows
     are solved once; where they are many and one or two maps make all that varies, every coefficient is
-    first rounded to `levels` steps between its extremes, so that they become a table (None: exact;
-    ignored while gradients are asked for). Totals move by up to .002, where a layer is thinnest.
+    first rounded to `levels` steps between its extremes, so that they become a table (None: exact; ignored
+    while gradients are asked for, and where a few great values would cost the others over 2 % on average).
+    Maps of 8 bits keep their values. Totals of others move by .001 on average, by .013 or more at one in 100;
+    by up to .12 where next to nothing is absorbed, in maps of absorption from 0 to 1/mm.
     Grey materials are shown in `channels` channels. `compiled`: many rows of the layered models by a loop in
     C++, where there is a compiler, in float32 and without gradients.
     Differentiable in maps and coefficients.
