@@ -92,7 +92,8 @@ def weights_for(
         table = as_table(material, dtype)
     table = table.expand(channels)
     table, row = distinct(table, points, None if table.requires_grad else levels)
-    table = replace(table, known_isotropic=table.isotropic)
+    if model == "layered-sp3":
+        table = replace(table, known_isotropic=table.isotropic)  # one look for all blocks
 
     s, ds = frequencies(variances, nodes)
     matrix = projector(variances, s, ds).to(table.sigma_a)
