@@ -44,7 +44,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redirect_slashes=False,
     )
     service = app.state.service = Service(settings)
-    app.openapi = lambda: openapi.describe(app)
+    app.openapi = lambda: openapi.describe(app, settings.api_key is not None)
     for part in PARTS:
         app.include_router(part.router)
     if (STATIC / "index.html").is_file():

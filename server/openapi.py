@@ -4,6 +4,7 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from texsss_server.middleware import LOCKED
 from texsss_server.problems import SCHEMA
 
 from texsss.scene import Scene
@@ -55,8 +56,8 @@ SCENE_BODY = {
 """Of routes that take a scene, for `openapi_extra`."""
 
 
-def describe(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, made once."""
+def describe(app: FastAPI, needs_key: bool) -> dict[str, Any]:
+    """The OpenAPI document, made once; it asks for a key where the service does."""
     if app.openapi_schema is None:
         document = get_openapi(
             title=app.title, version=app.version, description=app.description, routes=app.routes
@@ -67,6 +68,11 @@ def describe(app: FastAPI) -> dict[str, Any]:
         for unused in ("HTTPValidationError", "ValidationError"):
             schemas.pop(unused, None)
         _drop_framework_errors(document)
+        if needs_key:
+            document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+            for path, operations in document["paths"].items():
+                for operation in operations.values() if path.startswith(LOCKED) else ():
+                    operation["security"] = [{"key": []}]
         app.openapi_schema = document
     return app.openapi_schema
 

@@ -39,6 +39,13 @@ def test_health_needs_no_key(strict, tight):
     assert tight.get("/v1/presets").status_code == 200
 
 
+def test_the_description_asks_for_the_key(strict):
+    document = httpx.get(f"{strict.url}/openapi.json").json()
+    assert document["paths"]["/v1/render"]["post"]["security"] == [{"key": []}]
+    assert "security" not in document["paths"]["/healthz"]["get"]
+    assert document["components"]["securitySchemes"]["key"]["scheme"] == "bearer"
+
+
 def test_cors_only_where_allowed(tight):
     def allowed(origin: str) -> str | None:
         return tight.get("/v1/schema", headers={"origin": origin}).headers.get("access-control-allow-origin")
