@@ -5,6 +5,7 @@ import sys
 import threading
 
 import pytest
+import torch
 
 from texsss import ahead
 from texsss.numerics import native
@@ -12,6 +13,7 @@ from texsss.profiles import fused as weighing
 from texsss.profiles.incidence import NODES, NODES_WIDE
 from texsss.transport import loops
 from texsss.transport.march import fused as marching
+from texsss.transport.march.interior import Interior
 
 
 def test_what_is_built_ahead_is_what_is_asked_for(monkeypatch):
@@ -23,7 +25,9 @@ def test_what_is_built_ahead_is_what_is_asked_for(monkeypatch):
     for directions in (NODES, NODES_WIDE):
         weighing._loop(directions)
     for boundaries in range(3):
-        marching._loop(boundaries, True, False, False, False, False)
+        depth = torch.ones(1, 1, boundaries).cumsum(-1)
+        media = torch.ones(boundaries + 1, 3)
+        marching.Fused(Interior(depth, media, 2 * media, 0 * media, eta=1.0), "henyey-greenstein")
     assert sorted(asked, key=str) == sorted(ahead.USUAL, key=str)
 
 

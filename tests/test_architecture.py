@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "profiles": BASE | {"media", "profiles"},
     "transport": BASE | {"surface", "media", "light", "profiles", "transport"},
     "view": BASE | {"surface", "media", "light", "view"},
-    "ahead": {"numerics"},
+    "ahead": {"numerics", "transport"},
     "shelf": {"errors", "types"},
     "cache": {"errors", "types", "shelf"},
     "specs": {"errors", "types"},

@@ -4,20 +4,16 @@ import threading
 from pathlib import Path
 
 from texsss.numerics.native import build
+from texsss.transport.march import variant
 
 HERE = Path(__file__).parent
-
-
-def _march(boundaries: int) -> dict[str, int]:
-    """Of layers without maps of coefficients, the last one endless."""
-    return {"BOUNDARIES": boundaries, "ENDLESS": 1, "SCHLICK": 0, "G_CHANNELS": 1, "MAPPED": 0, "WIDE": 0}
 
 
 USUAL: tuple[tuple[Path, dict[str, int]], ...] = (
     (HERE / "transport" / "pairs.cpp", {}),
     (HERE / "transport" / "products.cpp", {}),
     (HERE / "profiles" / "fused.cpp", {"DIRECTIONS": 2}),
-    *((HERE / "transport" / "march" / "fused.cpp", _march(boundaries)) for boundaries in range(3)),
+    *((variant.SOURCE, variant.macros(boundaries)) for boundaries in range(3)),  # the last layer endless
     (HERE / "profiles" / "fused.cpp", {"DIRECTIONS": 3}),
 )
 """Sources and macros, in the order in which a bake asks for them."""

@@ -1,7 +1,6 @@
 """The march as one compiled loop: every sample and light of a point before the next point."""
 
 import ctypes
-from pathlib import Path
 
 import torch
 
@@ -10,9 +9,9 @@ from texsss.numerics.threads import in_threads
 from texsss.transport.march.interior import Interior
 from texsss.transport.march.kernel import framed
 from texsss.transport.march.setup import thicknesses
+from texsss.transport.march.variant import SOURCE, macros
 from texsss.types import Float, Tensor, chunks
 
-SOURCE = Path(__file__).with_name("fused.cpp")
 BLOCK = 1 << 14  # points a thread takes at a time
 MOST_BOUNDARIES = 16
 COARSE = 0.01  # optical depth that 10 bits may round to: beyond, boundaries get 16
@@ -31,7 +30,8 @@ class Fused:
         if boundaries > MOST_BOUNDARIES or home.dtype != torch.float32 or home.device.type != "cpu":
             return
         wide = _needs_more(interior)
-        found = _loop(boundaries, interior.bottomless, phase == "schlick", not alike, mapped, wide)
+        how = {"endless": interior.bottomless, "schlick": phase == "schlick", "coloured_g": not alike}
+        found = library(SOURCE, macros(boundaries, **how, mapped=mapped, wide=wide))
         if found is None:
             return
         self.ready = True
@@ -91,14 +91,6 @@ def side_by_side(maps: Float[Tensor, "H W N"]) -> Float[Tensor, "h w n"]:
     """The maps, tiled beyond the right and the lower edge, with zeros up to a multiple of four per texel."""
     padded = torch.nn.functional.pad(maps, (0, -maps.shape[-1] % 4))
     return framed(padded).permute(1, 2, 0).contiguous()
-
-
-def _loop(
-    boundaries: int, endless: bool, schlick: bool, coloured_g: bool, mapped: bool, wide: bool
-) -> ctypes.CDLL | None:
-    macros = {"BOUNDARIES": boundaries, "ENDLESS": int(endless), "SCHLICK": int(schlick)}
-    macros |= {"G_CHANNELS": 3 if coloured_g else 1, "MAPPED": int(mapped), "WIDE": int(wide)}
-    return library(SOURCE, macros)
 
 
 def _needs_more(interior: Interior) -> bool:
