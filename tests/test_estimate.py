@@ -52,6 +52,7 @@ def test_more_costs_more(tmp_path):
     base = expected(**plain)
     assert expected(**plain | {"lights": [sky | {"samples": 65536}]}) > 10 * base
     assert expected(**plain | {"methods": {"transmission": True}}) > base
+    assert expected(**plain | {"methods": {"interreflection": 2}}) > base
     marched = expected(**plain | {"methods": {"single_scattering": "exact"}})
     assert (
         expected(**plain | {"methods": {"single_scattering": "exact", "march_samples": 64}}) > marched > base

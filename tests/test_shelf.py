@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from texsss.baker import Baker
 from texsss.cli import app
+from texsss.diffusing import KINDS
 from texsss.errors import DomainError
-from texsss.pipeline import KINDS
 from texsss.scene import Scene
 from texsss.shelf import Shelf, users_shelf
 

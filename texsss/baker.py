@@ -5,12 +5,13 @@ from pathlib import Path
 
 from texsss.cache import StageCache
 from texsss.curve import curve
+from texsss.diffusing import KINDS
 from texsss.errors import DomainError
 from texsss.estimate import described, forewarning
 from texsss.inspection import inspect
 from texsss.intermediates import intermediate
 from texsss.io.sandbox import Sandbox
-from texsss.pipeline import KINDS, Run
+from texsss.pipeline import Run
 from texsss.resolve import Assets
 from texsss.result import Baked
 from texsss.scene import Scene

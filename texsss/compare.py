@@ -12,6 +12,7 @@ from texsss.baker import Baker
 from texsss.errors import DomainError
 from texsss.io.images import write_png
 from texsss.io.sheet import Panel, difference_map, sheet
+from texsss.methods import ALONE
 from texsss.result import staging
 from texsss.scene import Scene
 from texsss.types import Cancel, Float, Progress, Tensor
@@ -165,6 +166,8 @@ def asked(scene: Scene, name: str) -> Scene:
     kind = method.removeprefix("march-")
     change = {"diffusion": "surface", "single_scattering": kind} if kind != method else {"diffusion": method}
     change = {"single_scattering": "none"} | change | {"transmission": name.endswith(THROUGH)}
+    if method in ALONE:
+        change |= {"interreflection": 0}
     return scene.model_copy(
         update={
             "methods": scene.methods.model_copy(update=change),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from texsss import placing
+from texsss.light.exchange import LOOKS
 from texsss.light.irradiance import AREA_SAMPLES, SHARING
 from texsss.light.sky import own_looks
 from texsss.pipeline import Run
@@ -23,6 +24,8 @@ OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": AREA_SAMPLES, "sphere": AREA_SAMPLES}
 RAYS_PER_SECOND = 1.5e6
 THROUGH_RAYS = 15  # that thickness and what it lets pass cost, at about
+EXCHANGE_RAYS, ECHO_RAYS = 12, 4  # what it costs to see other parts, and to gather their light once
+EXCHANGE_BYTES = 12 * LOOKS  # if every look ends on the object
 LAMPS = {"studio": 3, "rectangle": 4, "sphere": 4, "environment": 16}  # samples of a light in the march
 MARCH_SECONDS, STEP_SECONDS = 5e-6, 3e-7  # per hit and lamp, and for each of its steps
 PICTURE_SHARE = 0.6  # of a picture's pixels that show the object, edges counted as often as they are sampled
@@ -66,7 +69,11 @@ def estimate(run: Run) -> Estimate:
     if scene.methods.transmission:
         rays += THROUGH_RAYS
         memory += texels * terms * GAUSSIAN_BYTES
-    seconds = 2.0 + size * size * blur / 3 + texels * rays / RAYS_PER_SECOND
+    bounces = scene.methods.interreflection
+    if bounces:
+        rays += EXCHANGE_RAYS + bounces * ECHO_RAYS
+        memory += texels * EXCHANGE_BYTES
+    seconds = 2.0 + size * size * blur * (1 + bounces) / 3 + texels * rays / RAYS_PER_SECOND
     if scene.methods.single_scattering != "none":
         width, height = scene.camera.resolution
         lamps = sum(LAMPS.get(light.type, 1) for light in scene.lights)

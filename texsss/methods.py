@@ -2,9 +2,12 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from texsss.specs import Count, Model, NonNegative, Number, Positive, Unit
+
+MOST_BOUNCES = 16
+ALONE = ("octree", "parallax")  # methods whose light no other part receives
 
 
 class OctreeSpec(Model):
@@ -73,6 +76,8 @@ class MethodsSpec(Model):
     With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
     steps and diffuse only the rest; textures hold both, since they know no eye. With `transmission`,
     light also comes through from the far side of the object, as much as its thickness there lets pass.
+    `interreflection`: how often light that left one part of the object lights others; not with `octree` or
+    `parallax`.
     `diffusion: parallax` shows textures beneath textures instead; pictures alone see them shift.
     """
 
@@ -86,7 +91,17 @@ class MethodsSpec(Model):
     single_scattering: Literal["none", "uniform", "exact"] = "none"
     march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
+    interreflection: Annotated[Count, Field(ge=0, le=MOST_BOUNCES)] = 0
     octree: OctreeSpec = OctreeSpec()
     poisson: PoissonSpec = PoissonSpec()
     march: MarchSpec = MarchSpec()
     parallax: ParallaxSpec = ParallaxSpec()
+
+    @model_validator(mode="after")
+    def _parts_light_each_other(self) -> "MethodsSpec":
+        if self.interreflection and self.diffusion in ALONE:
+            raise ValueError(
+                f"interreflection: expected 0 with diffusion {self.diffusion!r}, got {self.interreflection}; "
+                "choose surface or uv to have parts light each other"
+            )
+        return self

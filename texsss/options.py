@@ -39,6 +39,9 @@ def described(
         Path | None, typer.Option(help="Panorama that lights the scene (best EXR or HDR).")
     ] = None,
     diffusion: Annotated[str | None, typer.Option(help="none, uv, …: how light spreads.")] = None,
+    interreflection: Annotated[
+        int | None, typer.Option(help="How often light that left one part of the object lights others.")
+    ] = None,
     exposure: Annotated[float | None, typer.Option(help="Exposure of the picture [EV].")] = None,
     tonemap: Annotated[str | None, typer.Option(help="linear, agx or aces.")] = None,
 ) -> Scene:
@@ -81,6 +84,7 @@ def described(
     put(size, "atlas", "raster")
     put(uv, "atlas", "uv")
     put(diffusion, "methods", "diffusion")
+    put(interreflection, "methods", "interreflection")
     put(exposure, "output", "exposure_ev")
     put(tonemap, "output", "tonemap")
     shining = [light(text) for text in lights or []]

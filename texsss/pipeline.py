@@ -1,7 +1,7 @@
 """The pipeline: stages in order, what each depends on, what is kept.
 
     mesh ─ atlas ─ texels ─ light ─ bank ─ exitance ─ picture
-                                stack ─ weights ─┘
+                                stack ─ weights ─┘  └ echo ─ bank ─ exitance, where parts light each other
 
 Stages are pure functions of the rooms; here they are joined. A result is kept under the content of
 everything it was made from, so that a material edit costs no blur and a light edit no physics.
@@ -9,45 +9,32 @@ everything it was made from, so that a material edit costs no blur and a light e
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Literal
 
 from texsss import placing
-from texsss.beneath import Beneath
 from texsss.cache import Kept
+from texsss.diffusing import Diffusing
 from texsss.light.enclosed import enclosed
 from texsss.look import averaged, scattered_once, seer, share_of, shower, tinted
-from texsss.numerics.sparse import Sparse
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
-from texsss.transport.bank import BUDGET_BYTES, Bank, Diffusion, diffusion, exitance, narrow_stop
+from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
-from texsss.transport.doubts import doubts
-from texsss.transport.kernels import Kernel
-from texsss.transport.lattice import Blur
-from texsss.transport.levels import Level
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes
-from texsss.transport.operators import Operators, surface_operators
-from texsss.transport.poisson import diffuse_poisson
-from texsss.transport.runs import Runs
-from texsss.transport.through import Across, on_one_side, transmitted
-from texsss.transport.ways import Ways
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import at_centres, picture
 from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
-# what results that last on disk are made of
-KINDS = (Operators, Kernel, Level, Ways, Blur, Runs, Sparse)
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
 LOOKS_PER_MARCH = 4  # of an environment's samples: rays of a pixel and neighbours add up to the rest
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
-class Run(Beneath):
+class Run(Diffusing):
     """One scene on its way through the stages; each property is a stage, made when first asked for."""
 
     @property
@@ -68,94 +55,6 @@ class Run(Beneath):
             self.scene.material.surface, {n: kept.value for n, kept in self.surface_maps.items()}
         )
         return [*self.inward.value, *said, *notes.messages, *self.atlas.value.report.messages]
-
-    # diffusion
-
-    @cached_property
-    def operators(self) -> Kept | None:
-        """What carries light over the surface and its seams; None for methods that work in uv."""
-        if self.scene.methods.diffusion != "surface":
-            return None
-        texels, variances = self.texels.value, self.variances
-
-        def make():
-            fits = affordable(texels, variances, BUDGET_BYTES)
-            return surface_operators(texels, variances[fits], **self.hooks("operators"))
-
-        return self.stage("operators", make, self.texels, variances)
-
-    @cached_property
-    def doubts(self) -> Kept:
-        """What is doubtful about the surface that light is to cross, in sentences."""
-        texels, variances = self.texels.value, self.variances
-        make = lambda: doubts(texels, variances, **self.hooks("doubts"))  # noqa: E731
-        return self.stage("doubts", make, self.texels, variances)
-
-    def blur(self, stage: str) -> Diffusion:
-        """The scene's diffusion of values at the texels."""
-        texels, methods = self.texels.value, self.scene.methods
-        if methods.diffusion == "poisson":
-            options = methods.poisson.model_dump(exclude={"radius_mm"}) | {"seed": self.scene.seed}
-            return lambda values, variances: diffuse_poisson(
-                values, texels, variances, **options, **self.hooks(stage)
-            )
-        built = None if self.operators is None else self.operators.value
-        blur = diffusion(texels, methods.diffusion, operators=built, **self.hooks(stage))
-        if methods.transmission and methods.diffusion == "surface":
-            # straight lines cross thin parts: the far side is not to count twice
-            return on_one_side(blur, texels.points.normal(texels.mesh))
-        return blur
-
-    @cached_property
-    def bank(self) -> Kept:
-        """One blurred copy of the light per variance, the albedo in it as its mode says."""
-        light, share = self.irradiance, self.albedo_share("pre")
-
-        def make():
-            blur = self.blur("bank")
-            entered = light.value if share is None else light.value * share.value
-            return Bank(self.variances, entered, blur(entered, self.variances))
-
-        methods = self.scene.methods
-        how = methods.diffusion, int(methods.transmission), methods.poisson, self.scene.seed
-        return self.stage("bank", make, light, share, self.variances, how)
-
-    def diffused(self, scattering: str) -> Kept:
-        """Exitance at the texels (P, 3) [W/m²], but for the albedo that applies after diffusion."""
-        if self.scene.methods.diffusion == "octree":
-            return self.hierarchical(scattering)
-        if self.scene.methods.diffusion == "parallax":
-            return self.seen_along_normals
-        bank, weights, rule, passed = (
-            self.bank,
-            self.weights(scattering),
-            self.scene.methods.rule,
-            self.passed,
-        )
-
-        def make():
-            blur = None if rule == "exit" else self.blur("exitance")
-            how = {"rule": rule, "blur": blur, "cancel": self.cancel}
-            back = exitance(bank.value, weights.value, **how)
-            if passed is None:
-                return back
-            across = Across(self.far_side.value, self.texels.value)
-            return back + transmitted(bank.value, passed.value, across, **how)
-
-        return self.stage("exitance", make, bank, weights, rule, passed)
-
-    def albedo_share(self, side: Literal["pre", "post"]) -> Kept | None:
-        """The part of the albedo that applies before or after diffusion at the texels."""
-        mode = self.scene.material.surface.albedo_mode
-        if self.albedo is None or mode not in (side, "both") or self.layered_textures:
-            return None
-        return self.albedo if mode == side else Kept(self.albedo.value.sqrt(), f"{self.albedo.key} root")
-
-    @property
-    def exitance(self) -> Float[Tensor, "P 3"]:
-        """Exitance at the texels [W/m²]."""
-        share, diffused = self.albedo_share("post"), self.diffused("total").value
-        return diffused if share is None else diffused * share.value
 
     # picture
 
@@ -283,7 +182,7 @@ class Run(Beneath):
         """Everything but the picture, which is taken when asked for."""
         scene = self.scene
         _ = self.surface_maps, self.stack  # what cannot be read is told before it is waited for
-        result = (self.irradiance.value, self.exitance, self.weights("total").value)
+        result = (self.entered_light, self.exitance, self.weights("total").value)
 
         _ = self.inward  # the report tells of it, which asks for nothing new
         if scene.methods.diffusion == "surface":
@@ -294,7 +193,7 @@ class Run(Beneath):
 
         def report() -> dict:
             atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
-            energies = self.irradiance.value, self.exitance
+            energies = self.entered_light, self.exitance
             advice = self.advice if bool((energies[0] > 0).any()) else [UNLIT, *self.advice]
             return describe(scene, self.seconds, advice, atlas, texels, weights, *energies)
 

@@ -25,6 +25,8 @@ STAGE_VERSIONS = {
     "samples": 1,
     "octree": 1,
     "weights": 3,
+    "exchange": 1,
+    "echo": 1,
     "exitance": 1,
     "beneath": 1,
     "planes": 1,

@@ -1,4 +1,4 @@
-"""Which of the compiled marches an interior asks for. Imports no torch: loops are built while that is loaded."""
+"""Which of the compiled marches an interior asks for; without torch, while which loads they are built."""
 
 from pathlib import Path
 
