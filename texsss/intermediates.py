@@ -22,7 +22,7 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     applies after diffusion; position [mm], normal; texel-mm: edge of a texel [mm]; metric: its
     longest and shortest extent [mm] and their ratio; through-mm: how thick the object is [mm], 0 without a
     far side; seam-jump: by how much exitance differs across seams [W/m²], at their texels alone;
-    coverage: 1 on the surface; gaussian-N: the lights' light blurred by the N-th Gaussian [W/m²]; weight-N: its
+    coverage: 1 on the surface; gaussian-N: lights blurred by the N-th Gaussian [W/m²]; weight-N: its
     share; thickness-N: of the N-th layer [mm], 0 where it has no end. `single` alone lies over the
     picture: radiance of light that was scattered once.
     Raises DomainError: for another name, more Gaussians or layers than there are, or `single` of a scene
