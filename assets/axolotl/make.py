@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from apart import drawn_apart
 from bake import coverage, rasterise, save_maps
 from fields import Array
 from mesh import Faces, polygonise, reduce
@@ -45,7 +46,7 @@ def main() -> None:
     print(f"{len(p)} vertices, {len(faces)} faces")
     flat, uv_faces, label = unwrap(animal, p, faces)
     # Padding is set at 1024, whatever the size of the textures.
-    uv = pack(flat, uv_faces, label, 6)
+    uv = drawn_apart(pack(flat, uv_faces, label, 6), uv_faces)
     args.out.mkdir(parents=True, exist_ok=True)
     write_obj(args.out / "axolotl.obj", p, faces, uv, uv_faces)
     texels = rasterise(uv, uv_faces, args.size)

@@ -18,12 +18,15 @@ void main() {
 const FRAGMENT = /* glsl */ `
 in vec3 shade;
 out vec4 colour;
+uniform bool quick; // then pixels are large and soon gone: noise would be seen, and not hide bands
 ${DITHER}
-void main() { colour = vec4(dithered(shade), 1.0); }`;
+void main() { colour = vec4(quick ? shade : dithered(shade), 1.0); }`;
 
 export class Backdrop {
   private readonly top = { value: new Vector3() };
   private readonly bottom = { value: new Vector3() };
+  /** Whether the next frame is one that must come soon. */
+  readonly quick = { value: false };
   private readonly material: ShaderMaterial;
   readonly mesh: Mesh;
 
@@ -32,7 +35,7 @@ export class Backdrop {
       glslVersion: GLSL3,
       depthWrite: false,
       defines: { TONEMAP: 0 },
-      uniforms: { ...tone, top: this.top, bottom: this.bottom },
+      uniforms: { ...tone, top: this.top, bottom: this.bottom, quick: this.quick },
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
     });

@@ -5,7 +5,7 @@ const PATIENCE = 3; // late frames, one after the other, until frames are drawn 
 const EASE = 60; // quick frames in time, one after the other, until frames are drawn whole again
 const GOAL_MS = 28;
 const REST_MS = 200; // after the last movement
-const COARSEST = 1 / 3; // of the pixels along an edge
+const COARSEST = 0.3; // of the pixels along an edge
 const STEP = 1.12; // a smaller change is not worth new buffers
 
 export class Pace {

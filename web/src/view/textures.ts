@@ -37,6 +37,12 @@ function data(values: Uint16Array<ArrayBuffer>, width: number, height: number): 
   return texture;
 }
 
+/** Smaller ones beside it, for pixels that cover many texels: fewer are fetched from far apart in memory. */
+export function coarsened(texture: Texture): void {
+  texture.minFilter = LinearMipmapNearestFilter;
+  texture.generateMipmaps = true;
+}
+
 /** A coded image: `srgb` values are decoded by the graphics card. */
 export async function fromBlob(blob: Blob, srgb: boolean): Promise<Texture> {
   const texture = new Texture(await createImageBitmap(blob, AS_CODED));

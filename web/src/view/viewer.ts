@@ -10,7 +10,7 @@ import { type Look, type MapName, newLook } from "./look";
 import { Orbit, type OrbitEvents, type Pose } from "./orbit";
 import { Pace } from "./pace";
 import { type Show, Surface } from "./surface";
-import { blank, mapOf } from "./textures";
+import { blank, coarsened, mapOf } from "./textures";
 import { TONEMAPS, toneUniforms } from "./tone";
 
 export interface ViewerEvents extends OrbitEvents {
@@ -102,6 +102,7 @@ export class Viewer {
   draw(quickly = false): void {
     const { renderer, surface } = this;
     this.sharpen(quickly ? this.pace.share : 1);
+    this.backdrop.quick.value = quickly;
     const side = (name: "A" | "B") => {
       surface.dress(renderer, this.camera, name, this.looks[name], quickly);
       renderer.render(this.scene, this.camera);
@@ -179,6 +180,7 @@ export class Viewer {
   setLight(side: "A" | "B", texture: Texture): void {
     const look = this.looks[side];
     discard(look.light, texture);
+    if (this.pace.slow) coarsened(texture);
     look.light = texture;
     look.scale = texture.userData.scale ?? 1;
     // the first picture quickly where that helps, the whole right after
