@@ -113,3 +113,8 @@ def test_numbers_of_the_march_are_followed(visit):
     assert sent and all(value == 0.8 for value in sent)
     assert abs(pixels(page) - before).max() > 3
     assert "Monte Carlo" in page.locator("#panel-inside").inner_text(), "skin1 is known"
+    before = pixels(page)
+    settle(page, lambda: page.get_by_label("Parts light each other", exact=True).fill("1000"))
+    assert abs(pixels(page) - before).max() > 3, "folds of the object lie brighter"
+    page.get_by_label("Light spreads").select_option("octree")
+    page.get_by_label("Parts light each other", exact=True).wait_for(state="hidden")

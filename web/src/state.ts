@@ -1,7 +1,7 @@
 // What is undone, shared and saved: the scene as the panels see it, and the way to and from the service's.
 
 import { fromColour, meanFreePath, toColour } from "./material";
-import type { LayerSpec, MapValue, MediumSpec, Preset, Scene, Triple } from "./types";
+import type { LayerSpec, MapValue, MediumSpec, Methods, Preset, Scene, Triple } from "./types";
 
 /** A layer as its card shows it. */
 export interface Layer {
@@ -83,10 +83,14 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
   return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta };
 }
 
+/** Ways of spreading whose light no other part receives. */
+export const ALONE: Methods["diffusion"][] = ["octree", "parallax"];
+
 /** The scene that the service understands, but for its camera: layers that are muted are left out. */
 export function toScene(state: State): Omit<Scene, "camera"> {
   const { layers, surface, ...rest } = structuredClone(state);
   if (rest.methods.diffusion === "parallax" && !rest.methods.parallax?.layers.length) rest.methods.diffusion = "none"; // yet
+  if (ALONE.includes(rest.methods.diffusion)) rest.methods.interreflection = 0;
   const heard = layers.filter((layer) => !layer.muted);
   const media: Record<string, MediumSpec> = {};
   for (const [name, medium] of Object.entries(state.media)) {

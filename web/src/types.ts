@@ -84,6 +84,8 @@ export interface Methods {
   single_scattering: "none" | "uniform" | "exact";
   march_samples: number;
   transmission?: boolean;
+  /** How often light that left one part of the object lights others. */
+  interreflection?: number;
   octree?: { epsilon: number };
   poisson?: { taps: number; passes: number; reduction: number };
   march?: { noise: number; noise_uv: number; deepest_mm: number | null };

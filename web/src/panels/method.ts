@@ -2,7 +2,7 @@
 
 import { check, choice, type Control, section, slider } from "../controls";
 import { h } from "../dom";
-import type { State } from "../state";
+import { ALONE, type State } from "../state";
 import type { Store } from "../store";
 import { MARCH, type Methods, OCTREE, POISSON } from "../types";
 
@@ -47,6 +47,7 @@ export class MethodPanel {
         this.part("poisson", POISSON, "passes", by("poisson"), { label: "Passes", min: 1, max: 8, whole: true, limits: [1, 16] }),
         this.part("poisson", POISSON, "reduction", by("poisson"), { label: "Light map made smaller", unit: "×", min: 1, max: 8, whole: true, limits: [1, 16] }),
         this.through(),
+        this.number("/methods/interreflection", (methods) => methods.interreflection ?? 0, (methods, value) => void (methods.interreflection = value), { label: "Parts light each other", hint: "How often light that left one part, and meets another, spreads there too", unit: "times", min: 0, max: 4, whole: true, limits: [0, 16] }, (methods) => !ALONE.includes(methods.diffusion)),
         this.pick("profile", "Profile", [
           ["layered-sp3", "Layered SP3: the best"],
           ["layered-diffusion", "Layered diffusion"],
@@ -93,7 +94,7 @@ export class MethodPanel {
 
   private number(pointer: string, get: (methods: Methods) => number, set: (methods: Methods, value: number) => void, look: Range, where?: (methods: Methods) => boolean): HTMLElement {
     const { whole, ...rest } = look;
-    const put = (state: State, value: number) => set(state.methods, whole ? Math.max(Math.round(value), 1) : value);
+    const put = (state: State, value: number) => set(state.methods, whole ? Math.round(value) : value);
     return this.keep(slider(this.store, { ...rest, pointer, get: (state) => get(state.methods), set: put, initial: () => get(this.initial.methods) }), where);
   }
 
