@@ -26,6 +26,7 @@ SKIN = preset("skin1")
         (lambda: Medium(0.1, torch.tensor([[1.0, -1.0]])), "sigma_s.*>= 0"),
         (lambda: Medium(math.nan, 1.0), "finite"),
         (lambda: Medium(0.1, math.inf), "finite"),
+        (lambda: Medium(0.1, 1e7), "at most 1e\\+06.*unit"),
         (lambda: Medium(0.1, 1.0, 1.0), "-1 < g < 1.*sigma_s = 0"),
         (lambda: Medium(0.1, 1.0, -1.0), "-1 < g < 1"),
         (lambda: Medium(0.1, 1.0, 0.0, 0.9), "eta >= 1"),

@@ -13,6 +13,8 @@ from texsss.types import Float, Tensor
 Coefficient = float | int | Sequence[float] | Tensor
 """A number, one value per channel (C,), a grey map (H, W) or a map per channel (H, W, C)."""
 
+MOST = 1e6  # [1/mm]
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class Medium:
@@ -23,7 +25,8 @@ class Medium:
     Tensors keep their dtype; numbers alone become float64. `eta` = inside / outside, at least 1.
     Every property is elementwise and differentiable. A medium that absorbs nothing has an infinite
     diffusion length, one that does nothing at all an infinite mean free path.
-    Raises DomainError: for negative or non-finite values, |g| ≥ 1, eta < 1; ShapeError: when channels differ.
+    Raises DomainError: for negative or non-finite values, such over MOST, |g| ≥ 1, eta < 1; ShapeError:
+    when channels differ.
     """
 
     sigma_a: Float[Tensor, "..."]
@@ -43,6 +46,12 @@ class Medium:
             )
         for name in ("sigma_a", "sigma_s"):
             check_at_least_zero(f"Medium.{name}", values[name], "1/mm")
+            most = float(values[name].detach().amax())
+            if most > MOST:
+                raise DomainError(
+                    f"Medium.{name}: expected at most {MOST:g} [1/mm], got {most:g}; its free paths are "
+                    "under a nanometre, so check the unit."
+                )
         outside = values["g"].detach().abs().amax()
         if not bool(outside < 1):
             raise DomainError(

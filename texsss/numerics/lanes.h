@@ -57,12 +57,19 @@ static inline V floored(V a) {
   return cut > a ? cut - 1 : cut;
 #endif
 }
-// estimates of 14 bits and one step of Newton's, where there are such
+// estimates of 14 bits and one step of Newton's, where there are such; ∞ of 0, and 0 of ∞
+#if defined(__AVX512F__)
+static inline V ends_mended(V r, V a) {
+  const I table = I{} + 0x870600;  // by what `a` is: 0, -∞, ∞; all else stays
+  asm("vfixupimmps $0, %2, %1, %0" : "+v"(r) : "v"(a), "v"(table));
+  return r;
+}
+#endif
 static inline V inverse(V a) {
 #if defined(__AVX512F__)
   V r;
   asm("vrcp14ps %1, %0" : "=v"(r) : "v"(a));
-  return r * (2 - a * r);
+  return ends_mended(r * (2 - a * r), a);
 #else
   return 1 / a;
 #endif
@@ -71,7 +78,7 @@ static inline V inverse_root(V a) {
 #if defined(__AVX512F__)
   V r;
   asm("vrsqrt14ps %1, %0" : "=v"(r) : "v"(a));
-  return r * (1.5f - 0.5f * a * r * r);
+  return ends_mended(r * (1.5f - 0.5f * a * r * r), a);
 #else
   V r = {};
   for (int i = 0; i < WIDTH; i++) r[i] = 1 / __builtin_sqrtf(a[i]);

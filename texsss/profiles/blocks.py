@@ -1,16 +1,19 @@
 """Profiles of many rows, block by block: what a block has in hand stays in the processor's cache."""
 
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.profiles.slab import layers_of
-from texsss.types import Float, Tensor, chunks
+from texsss.profiles.slab import Coefficients, layers_of
+from texsss.types import Bool, Float, Tensor, chunks
 
 ROWS = 16_384  # prepared at once: more operations than work otherwise
 VALUES = 50_000  # frequencies × columns solved at once: .2 MB per tensor
+THIN = 0.05  # optical depth of a layer below which ...
+STEEP = 300.0  # and extinction times the depth above, beyond which a column is solved in float64
 
 
 class Solver(NamedTuple):
@@ -35,31 +38,53 @@ def solved(table: LayerTable, s: Float[Tensor, " S"], solver: Solver) -> Float[T
     parts = [table]
     if len(table.batch) == 1:
         parts = [table.rows(part) for part in chunks(table.batch[0], ROWS)]
-    column = s[:, None]
-    solved: list[Tensor] = []
-    for rows in parts:
-        asked = solver.asked
-        if solver.unreduced is not None:
-            asked = (*asked, layers_of(rows, reduced=False) if solver.unreduced else None)
-        layers = layers_of(rows)
-        count = layers[0].sigma.shape[1]
-        prepared = solver.prepare(layers, *asked)
-        width = max(VALUES // len(s), 1)
-        blocks = [
-            solver.spectrum(prepared if width >= count else _columns(prepared, columns), column)
-            for columns in chunks(count, width)
-        ]
-        solved.append(torch.cat(blocks, 1) if len(blocks) > 1 else blocks[0])
+    solved = [_solved(rows, s[:, None], solver) for rows in parts]
     if len(solved) == 1:
         return solved[0]
     return torch.cat([x.view(len(s), table.channels, -1) for x in solved], 2).flatten(1)
 
 
-def _columns(tree: Any, columns: slice) -> Any:
-    """Some columns of all tensors (1, N) in nested tuples."""
+def _solved(rows: LayerTable, s: Float[Tensor, "S 1"], solver: Solver) -> Float[Tensor, "S N"]:
+    layers = layers_of(rows)
+    given = (layers, layers_of(rows, reduced=False) if solver.unreduced else None)
+    made = _by_blocks(given, s, solver)
+    if s.dtype != torch.float32:
+        return made
+    few = _delicate(layers)[0].nonzero()[:, 0]
+    if not len(few):
+        return made
+    exact = _each(given, lambda x: x[:, few].double())
+    return made.index_copy(1, few, _by_blocks(exact, s.double(), solver).to(s.dtype))
+
+
+def _delicate(layers: list[Coefficients]) -> Bool[Tensor, "1 N"]:
+    """Columns in which float32 loses digits to differences of nearly equal numbers."""
+    above = torch.zeros_like(layers[0].sigma)
+    found = torch.zeros_like(above, dtype=torch.bool)
+    for layer in layers:
+        found |= layer.sigma * above > STEEP
+        if layer.d is not None:
+            found |= layer.sigma * layer.d < THIN
+            above = above + layer.d
+    return found
+
+
+def _by_blocks(given: Any, s: Float[Tensor, "S 1"], solver: Solver) -> Float[Tensor, "S N"]:
+    layers, unreduced = given
+    asked = solver.asked if solver.unreduced is None else (*solver.asked, unreduced)
+    prepared = solver.prepare(layers, *asked)
+    count, width = layers[0].sigma.shape[1], max(VALUES // len(s), 1)
+    if width >= count:
+        return solver.spectrum(prepared, s)
+    parts = [_each(prepared, itemgetter((slice(None), part))) for part in chunks(count, width)]
+    return torch.cat([solver.spectrum(part, s) for part in parts], 1)
+
+
+def _each(tree: Any, change: Callable[[Tensor], Tensor]) -> Any:
+    """Nested tuples with all tensors (1, N) in them changed."""
     if isinstance(tree, Tensor):
-        return tree[:, columns] if tree.ndim else tree
+        return change(tree) if tree.ndim else tree
     if not isinstance(tree, (tuple, list)):
         return tree
-    parts = [_columns(x, columns) for x in tree]
+    parts = [_each(x, change) for x in tree]
     return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)

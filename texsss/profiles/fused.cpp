@@ -93,10 +93,8 @@ struct Solver {
 
   void prepare_truly() {
     unreduced = layers;
-    for (Layer& layer : unreduced) {
-      layer.sigma_s /= 1 - layer.g;
-      layer.sigma = greater(layer.sigma_a + layer.sigma_s, all(CLEAR));
-    }
+    for (Layer& layer : unreduced)
+      layer = layer_of(layer.sigma_a, layer.sigma_s / (1 - layer.g), layer.g, layer.d, layer.eta);
     light_in(unreduced, endless, asked.directions, unreduced_lights);
     if (h.below) {
       const Layers from = unreduced;
@@ -114,7 +112,7 @@ struct Solver {
 
   // What multiple scattering lacks for the same stack without absorption to return all light
   V furnace() {
-    V lacking = 1 - ballistic(lights, endless, asked.directions), have = {};
+    V lacking = extinguished(lights, endless, asked.directions), have = {};
     for (int side = 0; side < (endless ? 1 : 2); side++) {
       if (side) {
         turned(layers, lights, pale, shining);
@@ -190,8 +188,7 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
         const float* first = fields[f] + start * strides[3 * f] + k * strides[3 * f + 1];
         found[f] = (V)gathered((const int32_t*)first, from[f]);
       }
-      V sigma_a = found[0], g = found[2], sigma_s = found[1] * (1 - g);
-      solver.layers[k] = {sigma_a, sigma_s, greater(sigma_a + sigma_s, all(CLEAR)), g, found[3], asked.etas[k]};
+      solver.layers[k] = layer_of(found[0], found[1] * (1 - found[2]), found[2], found[3], asked.etas[k]);
     }
     solver.prepare();
     for (int i = 0; i < h.frequencies; i++) spectrum[i] = solver.at(s[i]);

@@ -72,7 +72,10 @@ class Fused:
 
     def __call__(self, rows: slice, result: Float[Tensor, "U K C"]) -> None:
         """Fills some rows of `result`."""
-        _, s, matrix = self._kept
+        fields, s, matrix = self._kept
+        assert 0 <= rows.start <= rows.stop <= len(fields[0]) and rows.step is None
+        assert result.shape == (len(fields[0]), len(matrix), fields[0].shape[-1])
+        assert result.dtype == torch.float32 and result.is_contiguous()
         self._weigh(
             *map(ctypes.byref, (self._header, self._numbers, self._fields, self._strides)),
             *(ctypes.c_void_p(x.data_ptr()) for x in (s, matrix)),

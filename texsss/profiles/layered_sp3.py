@@ -16,7 +16,7 @@ from texsss.media.stack import LayerTable
 from texsss.profiles import single
 from texsss.profiles.blocks import Solver, solved
 from texsss.profiles.single import Node, scattered_once
-from texsss.profiles.slab import TINY, Directions, added, ballistic, from_side, light_in
+from texsss.profiles.slab import TINY, Directions, added, extinguished, from_side, light_in
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
 from texsss.profiles.two_modes import two_modes
@@ -152,7 +152,7 @@ def _furnace(layers, lights, directions):
     for side in ("reflectance", "transmittance")[: 1 if layers[-1].d is None else 2]:
         once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)
         have = have + _swept(*_sweeps(white, lit, side), zero)
-    lacking = 1 - ballistic(layers, directions) - once
+    lacking = extinguished(layers, directions) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 
 

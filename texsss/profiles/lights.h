@@ -7,13 +7,17 @@
 #include "lanes.h"
 
 constexpr int BEAMS = DIRECTIONS;  // of incident light: the one macro that the build sets
-constexpr float FAR = 40, CLEAR = 1e-6f, TINY = 1e-24f, FLAT = 2.422e-5f;
+constexpr float FAR = 40, DEEP = 1e5f, CLEAR = 1e-6f, TINY = 1e-24f, THIN = 0.5f;  // below THIN there are series
 
 struct Layer {
   V sigma_a, sigma_s, sigma, g, d;
   double eta;
 };
-typedef std::vector<Layer> Layers;  // a half-space has d = ∞
+typedef std::vector<Layer> Layers;
+static inline Layer layer_of(V sigma_a, V sigma_s, V g, V d, double eta) {
+  V sigma = greater(sigma_a + sigma_s, all(CLEAR));
+  return {sigma_a, sigma_s, sigma, g, lesser(d, DEEP * inverse(sigma)), eta};
+}
 
 struct Direction {
   float share, top, bottom;  // of the light that enters, and what the faces mirror of it
@@ -61,14 +65,17 @@ static void light_in(const Layers& layers, bool endless, const Direction* direct
   }
 }
 
-// Shares of the light that leave unscattered by both faces
-static V ballistic(const Lights& lights, bool endless, const Direction* directions) {
+// Share of the light that does not leave unscattered by either face
+static V extinguished(const Lights& lights, bool endless, const Direction* directions) {
+  if (endless) return all(1);
   V total = {};
-  if (endless) return total;
   for (int j = 0; j < BEAMS; j++) {
-    const Light &first = lights[j], &last = lights[lights.size() - BEAMS + j];
-    total += directions[j].share * (1 - directions[j].top) * first.up * first.beam;
-    total += directions[j].share * (1 - directions[j].bottom) * last.down * last.beam;
+    const Direction& from = directions[j];
+    V tau = {};
+    for (size_t k = j; k < lights.size(); k += BEAMS) tau += lights[k].tau;
+    Decayed e = decayed(lesser(tau, all(FAR)));
+    V gain = inverse(1 - from.top * from.bottom * e.left * e.left);
+    total += from.share * gain * e.gone * (1 + from.bottom * e.left);
   }
   return total;
 }
@@ -89,18 +96,29 @@ static void turned(const Layers& layers, const Lights& lights, Layers& layers_ou
 
 // One mode in a layer, by its (λd)²: modes.py
 struct Crossing {
-  V squared, decay, m, c, k;
+  V squared, decay, m, c, k, half, part;  // 1 / (1 + e^-m), and m / (1 - e^-2m)
 };
 static inline Crossing crossing(V squared) {
   V m = root(squared);
   Decayed e = decayed(lesser(m, all(FAR)));
-  V part = m * inverse(e.gone * (1 + e.left));
-  return {squared, e.left, m, part * (1 + e.left * e.left), 2 * part * e.left};
+  V half = inverse(1 + e.left), part = m * half * inverse(e.gone);
+  return {squared, e.left, m, part * (1 + e.left * e.left), 2 * part * e.left, half, part};
 }
 
-// (e^-λd - e^-σd) / apart, apart = (σ - λ) d, blended into its limit where that cancels
+// (e^-λd - e^-σd) / apart, apart = (σ - λ) d; a series where that cancels
 static inline V overlap(V decay, V beam, V apart) {
-  return (apart * (decay - beam) + FLAT * beam * (1 + 0.5f * apart)) * inverse(FLAT + apart * apart);
+  V x = apart * apart * 0.25f;
+  V series = 1 - x * (1 / 3.f - x * (2 / 15.f - x * (17 / 315.f - x * (62 / 2835.f))));
+  return x < THIN * THIN / 4 ? (decay + beam) * (0.5f * series) : (decay - beam) * inverse(apart);
+}
+
+// ∫ P of a mode with e^-τ over a layer, of which ∫ e^-τ e^-(m - ..) is q. Where it is thin, the difference
+// of hyperbolic functions of ½ (τ + m) and ½ (τ - m) is a series.
+static inline V nearer(const Crossing& mode, V tau, V q) {
+  V sum = mode.m + tau, a = sum * sum * 0.25f, b = (tau - mode.m) * (tau - mode.m) * 0.25f;
+  V series = 1 / 6.f + a * (1 / 120.f + a * (1 / 5040.f)) - b * (7 / 360.f + a * (1 / 840.f) - b * (31 / 15120.f));
+  V thick = (1 - mode.k * q) * inverse(sum);
+  return sum < THIN ? q * (mode.half + tau * mode.part * series) : thick;
 }
 
 struct Lit {
@@ -111,7 +129,7 @@ static inline Lit lit(const Crossing& mode, const V* tau, const V* beam, const V
   V near = {}, far = {};
   for (int j = 0; j < BEAMS; j++) {
     V q = overlap(mode.decay, beam[j], tau[j] - mode.m);
-    V p = (1 - mode.k * q) * inverse(mode.m + tau[j]);
+    V p = nearer(mode, tau[j], q);
     near += down[j] * p;
     if (mirrored) {
       q -= mode.decay * p;

@@ -5,6 +5,7 @@
 #include "lights.h"
 
 constexpr float DAMPING = 0.35f, TURN = 0.72f, SPREAD_FROM = 3;
+constexpr float STEEP = 300;  // extinction times the depth above, beyond which differences lose their digits
 constexpr int AZIMUTHS = 12;
 constexpr double PI = 3.14159265358979323846;
 
@@ -81,7 +82,7 @@ struct Leg {
 
 struct Once {
   int L;
-  bool slab, endless;  // whether a bottom mirrors, and whether there is none
+  bool slab, endless, steep;  // whether a bottom mirrors, whether there is none, and whether some layer is STEEP
   const std::vector<Exit>* exits;
   std::vector<Leg> legs;  // (exits, 2, L): by the near face, and by the far one
   Layers back;
@@ -90,7 +91,7 @@ struct Once {
   // `deflected`: by Henyey and Greenstein, with true coefficients; else isotropic
   void prepare(const Layers& layers, const Lights& lights, bool no_end, const std::vector<Exit>& given, bool deflected,
                bool mirrored = true) {
-    L = int(layers.size()), endless = no_end, slab = mirrored && !endless, exits = &given;
+    L = int(layers.size()), endless = no_end, slab = mirrored && !endless, steep = false, exits = &given;
     legs.resize(given.size() * 2 * L);
     if (slab) turned(layers, lights, back, behind);
     Leg* out = legs.data();
@@ -109,6 +110,7 @@ struct Once {
       Leg& leg = out[k];
       leg.drift = way->drift, leg.endless = endless && k == L - 1;
       leg.d = layer.d, leg.escape = layer.sigma * way->slant;
+      steep = steep || some(layer.sigma * aside > STEEP * leg.drift);
       if (!leg.endless) aside += layer.d * leg.drift;
       leg.aside = aside, leg.over = V{};
       V starts = {};
@@ -138,10 +140,10 @@ struct Once {
     const Leg* near = legs.data();
     for (const Exit& exit : *exits) {
       if (slab) {
-        Left here = leaving<true>(near, s), far = leaving<true>(near + L, s);
-        total += joined(exit, here, far);
+        total += steep ? joined(exit, leaving<true, true>(near, s), leaving<true, true>(near + L, s))
+                       : joined(exit, leaving<true, false>(near, s), leaving<true, false>(near + L, s));
       } else {
-        total += leaving<false>(near, s).light;
+        total += (steep ? leaving<false, true>(near, s) : leaving<false, false>(near, s)).light;
       }
       near += 2 * L;
     }
@@ -157,7 +159,8 @@ struct Once {
     return light * inverse(1 - exit.again * here.through * here.through);
   }
 
-  template <bool SLAB>
+  // CAREFUL: (a / √(a² + b²) - 1) / drift without the difference, where it counts
+  template <bool SLAB, bool CAREFUL>
   Left leaving(const Leg* legs, float s) const {
     V total = {}, wave = {}, area = {}, through = all(1), shift = {};
     const float per_turn = 1 / (TURN * s);
@@ -174,10 +177,18 @@ struct Once {
         oscillation(lesser(s * leg.aside, all(FAR)), sine, cosine);
         area = sine * per_turn;
         wave = cosine + (s * DAMPING) * area;
-        total += leg.over * area;
+        if (!CAREFUL) total += leg.over * area;
       }
       for (int j = 0; j < BEAMS; j++) {
         const Shaft& shaft = leg.shafts[j];
+        if (CAREFUL) {
+          V root = inverse_root(shaft.squared + b2), straight = k ? shaft.start * first : shaft.start;
+          V turned = k ? shaft.start * before : V{};
+          if (SLAB || !leg.endless) straight -= shaft.end * wave, turned -= shaft.end * area;
+          turned *= s * s * leg.drift * root * inverse(1 + leg.drift * shaft.slant * root);
+          total += root * (straight - turned);
+          continue;
+        }
         V here = k ? shaft.start * (first + shaft.slant * before) : shaft.start;
         if (SLAB || !leg.endless) here -= shaft.end * (wave + shaft.slant * area);
         total += here * inverse_root(shaft.squared + b2);
@@ -223,9 +234,11 @@ struct White {
       for (int j = 0; j < BEAMS; j++) {
         const Light& light = lights[k * BEAMS + j];
         V source = layer.sigma * (light.share / light.cosine * way->part);
-        V a = light.sigma + escape, after = endless && k == L - 1 ? V{} : above[j] * faded(a * layer.d);
-        total += source * (above[j] - after) * inverse(a);
-        above[j] = after;
+        V a = light.sigma + escape;
+        Decayed fade = {V{}, all(1)};
+        if (!endless || k < L - 1) fade = decayed(lesser(a * layer.d, all(FAR)));
+        total += source * above[j] * fade.gone * inverse(a);
+        above[j] *= fade.left;
         if (!endless) total += source * layer.d * light.up * through * overlap(passed, light.beam, light.tau - m);
       }
       through *= passed;

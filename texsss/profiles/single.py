@@ -15,7 +15,7 @@ import torch
 from texsss.media import fresnel
 from texsss.media.phase import between_cones
 from texsss.numerics.quadrature import gauss_weighted
-from texsss.profiles.modes import beam_of, few, overlap
+from texsss.profiles.modes import overlap
 from texsss.profiles.slab import FAR, added, flipped, mirrors, refracted
 from texsss.types import Tensor
 
@@ -40,7 +40,7 @@ class Bounced(NamedTuple):
     """A beam from below in one layer, scattered towards one node, (1, N) each."""
 
     tau: Tensor
-    beam: tuple[Tensor, Tensor]
+    beam: Tensor
     strength: Tensor
 
 
@@ -54,7 +54,7 @@ class Leg(NamedTuple):
     shafts: tuple[Shaft, ...]
     over: Tensor | None  # what all shafts end with, less what those of the next layer start with, over drifts
     bounced: tuple[Bounced, ...]
-    few: Tensor  # a number
+    one: Tensor  # a number
 
 
 class Node(NamedTuple):
@@ -111,14 +111,13 @@ def _legs(layers, lights, cosines, phase, weight):
             shafts.append(Shaft(a * a, a / drift, start, end))
             if mirrored:
                 source = light.source * (weight * spread * _deflection(phase, light.cosine, cosine, layer.g))
-                beam = beam_of(light.beam)
-                bounced.append(Bounced(light.sigma * layer.d, beam, source * layer.d * light.up))
+                bounced.append(Bounced(light.sigma * layer.d, light.beam, source * layer.d * light.up))
         if legs:
             legs[-1] = legs[-1]._replace(over=legs[-1].over - added([x.start for x in shafts]) / drift)
         over = None if layer.d is None else added([x.end for x in shafts]) / drift
         way = None if layer.d is None else aside
-        number, least = escape.new_full((), drift), escape.new_full((), few(escape.dtype))
-        legs.append(Leg(number, way, layer.d, escape, tuple(shafts), over, tuple(bounced), least))
+        number, one = escape.new_full((), drift), escape.new_full((), 1.0)
+        legs.append(Leg(number, way, layer.d, escape, tuple(shafts), over, tuple(bounced), one))
     return tuple(legs)
 
 
@@ -173,7 +172,7 @@ def _leaving(legs, s, total):
             m = torch.lerp(leg.escape.expand_as(root), root, shift) * leg.d
             passed = torch.clamp(m, max=FAR).neg_().exp_()
             for ray in leg.bounced:
-                total = total + ray.strength * through * overlap(passed, ray.beam, ray.tau - m, leg.few)
+                total = total + ray.strength * through * overlap(passed, ray.beam, ray.tau - m, leg.one)
             through = through * passed
     return total, through
 

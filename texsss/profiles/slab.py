@@ -15,6 +15,7 @@ from texsss.types import Tensor
 
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
 FAR = 40.0  # e^-x beyond is nothing: products of what is left are no denormal numbers
+DEEP = 1e5  # optical depth from which layers are equal: in white ones 1e-5 of the light comes through
 TINY = 1e-24  # keeps the derivative of √ finite where nothing is absorbed and s = 0
 
 Directions = Sequence[tuple[float, float]]
@@ -55,8 +56,9 @@ def layers_of(table: LayerTable, reduced: bool = True) -> list[Coefficients]:
         if reduced and not isotropic:
             sigma_s = sigma_s * (1 - g)
         sigma = (sigma_a + sigma_s).clamp_min(CLEAR)
-        bottomless = table.bottomless and k == count - 1
-        layers.append(Coefficients(sigma_a, sigma_s, sigma, g, None if bottomless else d, table.eta[k]))
+        # beyond it squares would overflow
+        d = None if table.bottomless and k == count - 1 else torch.minimum(d, DEEP / sigma)
+        layers.append(Coefficients(sigma_a, sigma_s, sigma, g, d, table.eta[k]))
     return layers
 
 
@@ -131,22 +133,22 @@ def _mirror(outside: float, eta: float) -> float:
 
 
 @no_type_check
-def ballistic(layers, directions):
-    """Shares of the light that leave unscattered by the top and by the bottom together, (1, N).
+def extinguished(layers, directions):
+    """Share of the light that does not leave unscattered by the top or the bottom, (1, N).
 
-    In reduced coefficients, which is how the profiles count: R̂(0) + T̂(0) + both + absorption is 1.
+    In reduced coefficients, which is how the profiles count: R̂(0) + T̂(0) + absorption is this.
     """
-    total = torch.zeros_like(layers[0].sigma)
     if layers[-1].d is None:
-        return total
+        return torch.ones_like(layers[0].sigma)
+    shares = []
     for cosine, share in directions:
-        lights = _light_from(layers, cosine, share)
         top, bottom = mirrors([layer.eta for layer in layers], cosine)
-        first, last = lights[0], lights[-1]
-        total = (
-            total + share * (1 - top) * first.up * first.beam + share * (1 - bottom) * last.down * last.beam
-        )
-    return total
+        slant = [layer.sigma * layer.d / refracted(cosine, layers[0].eta, layer.eta) for layer in layers]
+        tau = added(slant).clamp_max(FAR)
+        through = torch.exp(-tau)
+        gain = share / (1 - top * bottom * through**2)
+        shares.append(gain * -torch.expm1(-tau) * (1 + bottom * through))
+    return added(shares)
 
 
 @no_type_check
