@@ -8,9 +8,10 @@ from texsss.errors import DomainError
 from texsss.numerics import native
 from texsss.numerics.sparse import starts
 from texsss.transport import loops
+from texsss.transport.bricks import blur_of
 from texsss.transport.kernels import STRIP
+from texsss.transport.lattice import lattice
 from texsss.transport.operators import Operators, surface_operators
-from texsss.transport.runs import runs
 from texsss.types import Float, Tensor
 
 pytestmark = pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing is compiled")
@@ -70,19 +71,26 @@ def test_making_them_is_what_torch_makes(made, monkeypatch):
         assert len(ours.weight) * STRIP < 2.5 * int((ours.weight != 0).sum())
     for ours, theirs in zip(made.levels, plain.levels, strict=True):
         for one, other in zip(ours.blurs, theirs.blurs, strict=True):
-            for a, b in zip(one.along, other.along, strict=True):
-                assert torch.equal(a.first, b.first) and torch.equal(a.mask, b.mask)
+            for a, b in zip(one.turns, other.turns, strict=True):
+                assert torch.equal(a, b)
 
 
-def test_runs_of_many_taps_and_of_none():
-    """Nodes on a line, some missing, against the dense sum."""
+@pytest.mark.parametrize("reach", [2, 7, 14])
+def test_bricks_are_the_dense_sum(reach: int):
+    """Nodes around a ball, in bricks with gaps, against the sum in double precision."""
     generator = torch.Generator().manual_seed(0)
-    source = torch.randperm(400, generator=generator)[:150].sort()[0] + 1000
-    target = torch.arange(990, 1500)
-    taps, x = torch.rand(29, generator=generator), torch.rand(150, 3, generator=generator)
-    away = source - target[:, None] + 14
-    dense = torch.where((away >= 0) & (away < 29), taps[away.clamp(0, 28)], 0) @ x
-    torch.testing.assert_close(runs(source, target, taps).times(x), dense)
+    points = torch.nn.functional.normalize(torch.randn(300, 3, generator=generator), dim=1) * 30
+    nodes = lattice(points, 4.0)
+    taps = torch.rand(2 * reach + 1, generator=generator)
+    away = ((nodes.place - nodes.place[:, None]) / nodes.edge).round().long() + reach
+    there = (away >= 0) & (away <= 2 * reach)
+    dense = torch.where(there, taps.double()[away.clamp(0, 2 * reach)], 0).prod(2)
+    columns = torch.rand(len(nodes), 9, generator=generator)
+    x, out = columns[:, :5], torch.ones(len(nodes), 7)
+    expected = (dense @ x.double()).float()
+    blur_of(nodes.bricks, taps).times(x, out[:, 1:6], added=True)
+    torch.testing.assert_close(out[:, 1:6], 1 + expected, rtol=2e-6, atol=0)
+    assert bool((out[:, [0, 6]] == 1).all())
 
 
 def test_more_entries_than_indices_count_are_refused():

@@ -72,45 +72,59 @@ static void blocks(int64_t count, Work work) {
   }
 }
 
+#if MASKED
+template <class T>
+static inline __m512 widened(T v) {
+  if constexpr (sizeof v == 16) return _mm512_castps128_ps512((__m128)v);
+  if constexpr (sizeof v == 32) return _mm512_castps256_ps512((__m256)v);
+  if constexpr (sizeof v == 64) return (__m512)v;
+}
+template <class T>
+static inline T narrowed(__m512 v) {
+  if constexpr (sizeof(T) == 16) return (T)_mm512_castps512_ps128(v);
+  if constexpr (sizeof(T) == 32) return (T)_mm512_castps512_ps256(v);
+  if constexpr (sizeof(T) == 64) return (T)v;
+}
+#endif
+
 // Rows of several arrays side by side: group g holds `each` columns at address[g], `pitch` floats from row to
 // row; `scale` (groups × rows) or null is a factor of each.
 struct Groups {
   const int64_t* address;
   int64_t count, each, pitch, rows;
   const float* scale;
-  float* row(int64_t g, int64_t i) const { return (float*)address[g] + i * pitch; }
-  float factor(int64_t g, int64_t i) const { return scale ? scale[g * rows + i] : 1.0f; }
 };
 
 // A block of columns, of which some lie in each of several groups
 struct Parts {
   struct Part {
-    int64_t group, to;  // the group's first column of these, in floats from the block's first
+    float* row;  // the first one's place of the block's first column
+    const float* scale;
     int first, n;
+    unsigned mask() const { return ((1u << n) - 1) << first; }
   };
-  const Groups& groups;
   Part parts[16];
   int count = 0;
+  int64_t pitch;
   const Part* begin() const { return parts; }
   const Part* end() const { return parts + count; }
-  Parts(const Groups& groups, int64_t from, int64_t columns) : groups(groups) {
-    const int64_t to = from + columns;
-    for (int64_t g = from / groups.each; g < groups.count && g * groups.each < to; g++) {
-      const int64_t first = std::max(from, g * groups.each), last = std::min(to, (g + 1) * groups.each);
-      parts[count++] = {g, from - g * groups.each, int(first - from), int(last - first)};
+  Parts(const Groups& groups, int64_t from, int64_t columns) : pitch(groups.pitch) {
+    const int64_t to = from + columns, each = groups.each;
+    for (int64_t g = from / each; g < groups.count && g * each < to; g++) {
+      const int64_t first = std::max(from, g * each), last = std::min(to, (g + 1) * each);
+      float* row = (float*)groups.address[g] + (from - g * each);
+      const float* scale = groups.scale ? groups.scale + g * groups.rows : nullptr;
+      parts[count++] = {row, scale, int(first - from), int(last - first)};
     }
   }
-  void prefetch(int64_t i) const {
-    for (const Part& part : *this) __builtin_prefetch(groups.row(part.group, i) + part.to + part.first, 1);
-  }
   template <class Some>
-  void store(int64_t i, typename Some::T v, const Some& some) const {
+  void store(int64_t i, typename Some::T v, const Some&) const {
 #if MASKED
     if constexpr (sizeof v > 4) {
       const __m512 held = widened(v);
       for (const Part& part : *this) {
-        const __m512 own = groups.scale ? _mm512_mul_ps(held, _mm512_set1_ps(groups.factor(part.group, i))) : held;
-        _mm512_mask_storeu_ps(groups.row(part.group, i) + part.to, mask(part), own);
+        const __m512 own = part.scale ? _mm512_mul_ps(held, _mm512_set1_ps(part.scale[i])) : held;
+        _mm512_mask_storeu_ps(part.row + i * pitch, __mmask16(part.mask()), own);
       }
       return;
     }
@@ -118,44 +132,95 @@ struct Parts {
     float held[sizeof v / 4];
     std::memcpy(held, &v, sizeof v);
     for (const Part& part : *this) {
-      float* to = groups.row(part.group, i) + part.to;
-      const float own = groups.factor(part.group, i);
+      float* to = part.row + i * pitch;
+      const float own = part.scale ? part.scale[i] : 1.0f;
       for (int k = part.first; k < part.first + part.n; k++) to[k] = own * held[k];
     }
   }
   template <class Some>
-  typename Some::T load(int64_t i, const Some& some) const {
+  typename Some::T load(int64_t i, const Some&) const {
     typedef typename Some::T T;
 #if MASKED
     if constexpr (sizeof(T) > 4) {
       __m512 held = _mm512_setzero_ps();
       for (const Part& part : *this) {
-        held = _mm512_mask_loadu_ps(held, mask(part), groups.row(part.group, i) + part.to);
-        if (groups.scale)
-          held = _mm512_mask_mul_ps(held, mask(part), held, _mm512_set1_ps(groups.factor(part.group, i)));
+        const __mmask16 mask = __mmask16(part.mask());
+        held = _mm512_mask_loadu_ps(held, mask, part.row + i * pitch);
+        if (part.scale) held = _mm512_mask_mul_ps(held, mask, held, _mm512_set1_ps(part.scale[i]));
       }
-      if constexpr (sizeof(T) == 16) return (T)_mm512_castps512_ps128(held);
-      if constexpr (sizeof(T) == 32) return (T)_mm512_castps512_ps256(held);
-      if constexpr (sizeof(T) == 64) return (T)held;
+      return narrowed<T>(held);
     }
 #endif
     float held[sizeof(T) / 4] = {};
     for (const Part& part : *this) {
-      const float* from = groups.row(part.group, i) + part.to;
-      const float own = groups.factor(part.group, i);
+      const float* from = part.row + i * pitch;
+      const float own = part.scale ? part.scale[i] : 1.0f;
       for (int k = part.first; k < part.first + part.n; k++) held[k] = own * from[k];
     }
     T v;
     std::memcpy(&v, held, sizeof v);
     return v;
   }
+};
+
 #if MASKED
-  static __mmask16 mask(const Part& part) { return __mmask16(((1u << part.n) - 1) << part.first); }
-  template <class T>
-  static __m512 widened(T v) {
-    if constexpr (sizeof v == 16) return _mm512_castps128_ps512((__m128)v);
-    if constexpr (sizeof v == 32) return _mm512_castps256_ps512((__m256)v);
-    if constexpr (sizeof v == 64) return (__m512)v;
+// The same for at most five groups of three columns, as colours are, without counting
+template <int GROUPS>
+struct Colours {
+  float* row[GROUPS];
+  const float* scale[GROUPS];
+  int64_t pitch;
+  explicit Colours(const Groups& groups) : pitch(groups.pitch) {
+    for (int g = 0; g < GROUPS; g++) {
+      row[g] = (float*)groups.address[g];
+      scale[g] = groups.scale ? groups.scale + g * groups.rows : nullptr;
+    }
+  }
+  // three in fours, and back
+  static __m512i apart() { return _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15); }
+  static __m512i together() { return _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18, 19); }
+  static __m512i fifth() { return _mm512_setr_epi32(12, 13, 14, 15, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0); }
+  void put(int64_t i, int g, __m128 v) const {
+    if (scale[g]) v = _mm_mul_ps(v, _mm_set1_ps(scale[g][i]));
+    _mm_mask_storeu_ps(row[g] + i * pitch, 7, v);
+  }
+  __m128 got(int64_t i, int g) const {
+    const __m128 v = _mm_maskz_loadu_ps(7, row[g] + i * pitch);
+    return scale[g] ? _mm_mul_ps(v, _mm_set1_ps(scale[g][i])) : v;
+  }
+  template <class Some>
+  void store(int64_t i, typename Some::T some, const Some&) const {
+    const __m512 v = widened(some), w = _mm512_permutexvar_ps(apart(), v);
+    put(i, 0, _mm512_castps512_ps128(w));
+    if constexpr (GROUPS > 1) put(i, 1, _mm512_extractf32x4_ps(w, 1));
+    if constexpr (GROUPS > 2) put(i, 2, _mm512_extractf32x4_ps(w, 2));
+    if constexpr (GROUPS > 3) put(i, 3, _mm512_extractf32x4_ps(w, 3));
+    if constexpr (GROUPS > 4) put(i, 4, _mm512_castps512_ps128(_mm512_permutexvar_ps(fifth(), v)));
+  }
+  template <class Some>
+  typename Some::T load(int64_t i, const Some&) const {
+    __m512 w = _mm512_castps128_ps512(got(i, 0)), last = _mm512_setzero_ps();
+    w = _mm512_maskz_mov_ps(0x000f, w);
+    if constexpr (GROUPS > 1) w = _mm512_insertf32x4(w, got(i, 1), 1);
+    if constexpr (GROUPS > 2) w = _mm512_insertf32x4(w, got(i, 2), 2);
+    if constexpr (GROUPS > 3) w = _mm512_insertf32x4(w, got(i, 3), 3);
+    if constexpr (GROUPS > 4) last = _mm512_castps128_ps512(got(i, 4));
+    return narrowed<typename Some::T>(_mm512_permutex2var_ps(w, together(), last));
+  }
+};
+#endif
+
+// `work(columns, first, parts)` for blocks of at most 16 columns of all groups
+template <class Work>
+static void laid(const Groups& groups, Work work) {
+#if MASKED
+  if (groups.each == 3) {
+    if (groups.count == 1) return work(Columns<4>(3), int64_t(0), Colours<1>(groups));
+    if (groups.count == 2) return work(Columns<8>(6), int64_t(0), Colours<2>(groups));
+    if (groups.count == 3) return work(Columns<16>(9), int64_t(0), Colours<3>(groups));
+    if (groups.count == 4) return work(Columns<16>(12), int64_t(0), Colours<4>(groups));
+    if (groups.count == 5) return work(Columns<16>(15), int64_t(0), Colours<5>(groups));
   }
 #endif
-};
+  blocks(groups.count * groups.each, [&](auto some, int64_t c) { work(some, c, Parts(groups, c, some.n)); });
+}

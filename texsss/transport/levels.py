@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.numerics.memory import room
-from texsss.transport.lattice import Blur
+from texsss.transport.bricks import Blur
 from texsss.transport.loops import Scratch
 from texsss.transport.ways import Ways, padded
 from texsss.types import Float, Tensor

@@ -52,13 +52,14 @@ class Scratch:
     """Memory that results in between share, one after the other: new memory is dear."""
 
     def __init__(self, like: Tensor):
-        self.like, self.held = like, like.new_empty(0)
+        self.like, self.held = like, [like.new_empty(0)] * 2
 
-    def rows(self, rows: int, columns: int) -> Float[Tensor, "rows columns"]:
-        """Good until it is asked for the next time."""
-        if rows * columns > len(self.held):
-            self.held = room(self.like, rows * columns)
-        return self.held[: rows * columns].view(rows, columns)
+    def parts(self, sizes: tuple[int, int]) -> list[Float[Tensor, " numbers"]]:
+        """Two of them, of at least these `sizes`; good until they are asked for the next time."""
+        for k, size in enumerate(sizes):
+            if size > len(self.held[k]):
+                self.held[k] = room(self.like, size)
+        return self.held
 
 
 def addresses(tensors: Sequence[Tensor]) -> Int[Tensor, " groups"]:

@@ -60,9 +60,9 @@ class Operators:
     @property
     def bytes(self) -> int:
         """Memory of all matrices."""
-        passes = [m for level in self.levels for b in level.blurs for m in b.along]
-        ways = [level.ways for level in self.levels]
-        held = [*self.steps, *passes, *ways, self.gutter]
+        blurs = [blur for level in self.levels for blur in level.blurs]
+        wide = [part for level in self.levels for part in (level.ways, *(b.bricks for b in level.blurs[:1]))]
+        held = [*self.steps, *blurs, *wide, self.gutter]
         return sum(matrix.bytes for matrix in held) + 4 * self.share.numel()
 
     def only(self, chosen: Sequence[int]) -> "Operators":

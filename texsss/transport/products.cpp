@@ -1,7 +1,8 @@
 // Products of the surface's operators with a few columns of values, stored row by row. Each is a plain loop
 // over rows; transposes gather too, or add up in rows of each part's own, so that any number of threads
-// gives the same bytes. What the arrays hold is said in kernels.py, runs.py, ways.py and gutter.py.
+// gives the same bytes. What the arrays hold is said in kernels.py, bricks.py, ways.py and gutter.py.
 
+#include "bricks.h"
 #include "columns.h"
 
 static inline void corner_weights(const float* beyond, float w[8]) {
@@ -11,7 +12,6 @@ static inline void corner_weights(const float* beyond, float w[8]) {
 }
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
-constexpr int GROUP = 8;   // rows of one length
 typedef float Strip __attribute__((vector_size(4 * STRIP)));
 typedef int16_t Whole __attribute__((vector_size(2 * STRIP)));
 
@@ -44,21 +44,56 @@ static void strips_times(int64_t first, int64_t last, int64_t rows, int64_t marg
   }
 }
 
-// The taps whose bits are set, one after the other, and zeros
-static inline void packed_taps(uint32_t mask, const float* taps, float* factor) {
-#if MASKED
-  _mm512_storeu_ps(factor, _mm512_maskz_compress_ps(__mmask16(mask), _mm512_loadu_ps(taps)));
-  if (mask >> 16) {
-    const int n = __builtin_popcount(mask & 0xffff);
-    _mm512_mask_storeu_ps(factor + 16, 0xffff, _mm512_setzero_ps());
-    _mm512_mask_storeu_ps(factor + n, __mmask16(0xffff),
-                          _mm512_maskz_compress_ps(__mmask16(mask >> 16), _mm512_loadu_ps(taps + 16)));
-  } else
-    _mm512_storeu_ps(factor + 16, _mm512_setzero_ps());
-#else
-  std::fill(factor, factor + 32, 0.0f);
-  for (int n = 0; mask; mask &= mask - 1) factor[n++] = taps[__builtin_ctz(mask)];
-#endif
+constexpr int AHEAD = 16;  // points for which memory is asked beforehand
+
+// Points stand in `cell`s, `beyond` the first of the nodes at their corners. Loops are functions of their own: what
+// they are given is theirs, and need not be read again after every store.
+
+// Asks for what the corners of a point's cell hold, unless the one before has asked
+static inline void ask(int64_t i, const int32_t* cell, const int32_t* corner, const float* x, int64_t pitch) {
+  if (cell[i] == cell[i - 1]) return;
+  const int32_t* at = corner + 8 * int64_t(cell[i]);
+  for (int k = 0; k < 8; k++) __builtin_prefetch(x + at[k] * pitch);
+}
+
+template <class Some, class Own>
+static void some_up(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
+                    const float* x, int64_t pitch, const Some some, const Own& own) {
+  typedef typename Some::T T;
+  const Own parts = own;
+  for (int64_t i = first; i < last; i++) {
+    if (i + AHEAD < last) ask(i + AHEAD, cell, corner, x, pitch);
+    const int32_t* at = corner + 8 * int64_t(cell[i]);
+    float w[8];
+    corner_weights(beyond + 3 * i, w);
+    T near{}, far{};
+    for (int k = 0; k < 4; k++) {
+      near += w[k] * some.load(x + at[k] * pitch);
+      far += w[k + 4] * some.load(x + at[k + 4] * pitch);
+    }
+    parts.store(i, near + far, some);
+  }
+}
+
+template <class Some, class Own>
+static void some_down(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
+                      float* y, int64_t pitch, const Some some, const Own& own) {
+  typedef typename Some::T T;
+  const Own parts = own;
+  for (int64_t i = first; i < last; i++) {
+    if (i + AHEAD < last) ask(i + AHEAD, cell, corner, y, pitch);
+    const int32_t* at = corner + 8 * int64_t(cell[i]);
+    float w[8];
+    corner_weights(beyond + 3 * i, w);
+    const T held = parts.load(i, some);
+    for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
+      float* to = y + at[k] * pitch;
+      T sum;
+      std::memcpy(&sum, to, sizeof sum);
+      sum += w[k] * held;
+      std::memcpy(to, &sum, sizeof sum);
+    }
+  }
 }
 
 extern "C" {
@@ -89,113 +124,65 @@ void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int3
   });
 }
 
-// Row i: taps[b] for every bit b of mask[i], of consecutive ones of the `columns` rows of x from first[i] on
-void runs_times(int64_t rows, int64_t columns, const int32_t* first_of, const int32_t* mask, const float* taps,
-                const float* x, int64_t pitch, int64_t count, float* y, int64_t y_pitch, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last) {
-    blocks(count, [=](auto some, int64_t c) {
-      typedef typename decltype(some)::T T;
-      float factor[GROUP][32];
-      for (int64_t i = first; i < last; i += GROUP) {
-        const int rest = int(std::min<int64_t>(GROUP, last - i));
-        for (int64_t r = i + 2 * GROUP; r < std::min(i + 3 * GROUP, last); r++) {
-          const float* in = x + first_of[r] * pitch + c;
-          for (int64_t line = 0; line < 12 * pitch; line += 16) __builtin_prefetch(in + line);
+// A convolution along z, y and x of `count` columns of nodes. Turn by turn: from `bricks` to `first`, `second` and
+// `bricks` again, which `last` names; `near_…`: the `around` bricks from which each is made. `even` and `odd`: room
+// for the bricks in between. Adds to y where `added`.
+void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_t around, int64_t reach, int64_t count,
+                  const int32_t* start, const int8_t* place, const int32_t* near_z, const int32_t* near_y,
+                  const int32_t* near_x, const int32_t* last_of, const float* some_taps, float* even, float* odd,
+                  const float* x, int64_t pitch, float* y, int64_t y_pitch, int64_t added, int64_t threads) {
+  using namespace bricks;
+  const int64_t size = count * NODES;
+  const Taps taps(some_taps, reach);
+  parallel(all, threads, [=](int64_t first, int64_t last) {
+    for (int64_t b = first; b < last; b++) {
+      float* to = even + b * size;
+      std::fill(to, to + size, 0.0f);
+      for (int64_t n = start[b]; n < start[b + 1]; n++)
+        for (int64_t c = 0; c < count; c++) to[c * NODES + place[n]] = x[n * pitch + c];
+    }
+  });
+  parallel(first_count, threads, [=, &taps](int64_t first, int64_t last) {
+    for (int64_t b = first; b < last; b++) turned(count, taps, near_z + b * around, even, odd + b * size);
+  });
+  parallel(second_count, threads, [=, &taps](int64_t first, int64_t last) {
+    for (int64_t b = first; b < last; b++) turned(count, taps, near_y + b * around, odd, even + b * size);
+  });
+  parallel(all, threads, [=, &taps](int64_t first, int64_t last) {
+    std::vector<float> made(size);
+    for (int64_t b = first; b < last; b++) {
+      turned(count, taps, near_x + b * around, even, made.data());
+      for (int64_t n = start[last_of[b]]; n < start[last_of[b] + 1]; n++)
+        for (int64_t c = 0; c < count; c++) {
+          float* to = y + n * y_pitch + c;
+          *to = made[c * NODES + place[n]] + (added ? *to : 0.0f);
         }
-        int most = 0;  // one length for all of a group: where loops end is hard to foretell
-        for (int r = 0; r < rest; r++) {
-          packed_taps(uint32_t(mask[i + r]), taps, factor[r]);
-          most = std::max(most, __builtin_popcount(uint32_t(mask[i + r])));
-        }
-        int64_t from[GROUP];
-        for (int r = 0; r < GROUP; r++) from[r] = first_of[i + std::min(r, rest - 1)];
-        const int64_t end = *std::max_element(from, from + GROUP);
-        if (rest < GROUP || end + most > columns) {
-          for (int r = 0; r < rest; r++) {
-            T sum{};
-            const float* in = x + from[r] * pitch + c;
-            const int length = int(std::min<int64_t>(most, columns - from[r]));
-            for (int k = 0; k < length; k++, in += pitch) sum += factor[r][k] * some.load(in);
-            some.store(y + (i + r) * y_pitch + c, sum);
-          }
-          continue;
-        }
-        T sum[GROUP] = {};  // side by side: each waits for its last product
-        const float* in[GROUP];
-        for (int r = 0; r < GROUP; r++) in[r] = x + from[r] * pitch + c;
-        for (int k = 0; k < most; k++)
-          for (int r = 0; r < GROUP; r++) sum[r] += factor[r][k] * some.load(in[r]), in[r] += pitch;
-        for (int r = 0; r < GROUP; r++) some.store(y + (i + r) * y_pitch + c, sum[r]);
-      }
-    });
+    }
   });
 }
-
-constexpr int AHEAD = 16;  // items of work for which memory is asked beforehand
-
-// Points of one cell follow each other: what its corners hold stays in registers. `begin` (cells + 1): where the
-// points of each cell begin in `order`, which says which points these are; `beyond` is in that order.
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
-void ways_up(int64_t cells, const int32_t* begin, const int32_t* order, const float* beyond, const int32_t* corner,
-             const float* x, int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
-             int64_t points, const float* scale, int64_t threads) {
-  const Groups out{address, groups, each, pitch, points, scale};
-  parallel(cells, threads, [=](int64_t first, int64_t last) {
-    blocks(groups * each, [&](auto some, int64_t c) {
-      typedef typename decltype(some)::T T;
-      const Parts parts(out, c, some.n);
-      const int64_t end = begin[last] - 1;
-      for (int64_t s = first; s < last; s++) {
-        T held[8];
-        for (int k = 0; k < 8; k++) held[k] = some.load(x + int64_t(corner[8 * s + k]) * x_pitch + c);
-        const int32_t* next = corner + 8 * std::min(s + AHEAD, last - 1);
-        for (int k = 0; k < 8; k++) __builtin_prefetch(x + int64_t(next[k]) * x_pitch + c);
-        for (int64_t p = begin[s]; p < begin[s + 1]; p++) {
-          float w[8];
-          corner_weights(beyond + 3 * p, w);
-          parts.prefetch(order[std::min(p + AHEAD, end)]);
-          T near{}, far{};
-          for (int k = 0; k < 4; k++) near += w[k] * held[k], far += w[k + 4] * held[k + 4];
-          parts.store(order[p], near + far, some);
-        }
-      }
+void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
+             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale,
+             int64_t threads) {
+  const Groups out{address, groups, each, pitch, count, scale};
+  parallel(count, threads, [=](int64_t first, int64_t last) {
+    laid(out, [=](auto some, int64_t c, const auto& parts) {
+      some_up(first, last, cell, beyond, corner, x + c, x_pitch, some, parts);
     });
   });
 }
 
-// The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the cells, as
+// The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the points, as
 // many to each, would add to at once: row `nodes` + i belongs to `twin`[i].
-void ways_down(int64_t cells, int64_t some_cells, const int32_t* begin, const int32_t* order, const float* beyond,
-               const int32_t* corner, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
-               int64_t points, const float* scale, int64_t nodes, int64_t twins, const int32_t* twin, float* y,
-               int64_t y_pitch, int64_t threads) {
-  const Groups in{address, groups, each, pitch, points, scale};
-  parallel((cells + some_cells - 1) / some_cells, threads, [=](int64_t first, int64_t last) {
-    last = std::min(cells, last * some_cells), first *= some_cells;
-    blocks(groups * each, [&](auto some, int64_t c) {
-      typedef typename decltype(some)::T T;
-      const Parts parts(in, c, some.n);
-      const int64_t end = begin[last] - 1;
-      for (int64_t s = first; s < last; s++) {
-        T sum[8] = {};
-        const int32_t* next = corner + 8 * std::min(s + AHEAD, last - 1);
-        for (int k = 0; k < 8; k++) __builtin_prefetch(y + int64_t(next[k]) * y_pitch + c, 1);
-        for (int64_t p = begin[s]; p < begin[s + 1]; p++) {
-          float w[8];
-          corner_weights(beyond + 3 * p, w);
-          parts.prefetch(order[std::min(p + AHEAD, end)]);
-          const T held = parts.load(order[p], some);
-          for (int k = 0; k < 8; k++) sum[k] += w[k] * held;
-        }
-        for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
-          float* at = y + int64_t(corner[8 * s + k]) * y_pitch + c;
-          T had;
-          std::memcpy(&had, at, sizeof had);
-          had += sum[k];
-          std::memcpy(at, &had, sizeof had);
-        }
-      }
+void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
+               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale, int64_t nodes,
+               int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
+  const Groups in{address, groups, each, pitch, count, scale};
+  parallel((count + some_points - 1) / some_points, threads, [=](int64_t first, int64_t last) {
+    last = std::min(count, last * some_points), first *= some_points;
+    laid(in, [=](auto some, int64_t c, const auto& parts) {
+      some_down(first, last, cell, beyond, corner, y + c, y_pitch, some, parts);
     });
   });
   for (int64_t i = 0; i < twins; i++)

@@ -8,25 +8,23 @@ from typing import Any
 import torch
 
 from texsss.numerics.memory import room
-from texsss.numerics.sparse import Sparse, starts
+from texsss.numerics.sparse import Sparse
 from texsss.transport.loops import addresses, call, products
 from texsss.types import Float, Int, Tensor
 
 WIDTHS = 1, 4, 8, 16  # of vectors, in columns
-PARTS = 16  # that cells are in, for threads to share
+PARTS = 16  # that points are in, for threads to share
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """Trilinear weights between points and nodes.
 
-    Points are taken cell by cell. `begin` (cells + 1): where those of each cell begin; `order` (P,): which
-    points these are; `beyond` (P, 3): where, in edges from the cell's first corner; `corner` (cells, 8):
-    nodes, z fastest. `nodes`: how many there are. `own` (cells, 8), `twin` (T,): see `parted`.
+    `cell` (P,): that a point is in; `beyond` (P, 3): where, in edges from the cell's first corner; `corner`
+    (cells, 8): nodes, z fastest. `nodes`: how many there are. `own` (cells, 8), `twin` (T,): see `parted`.
     """
 
-    begin: Int[Tensor, " begins"]
-    order: Int[Tensor, " P"]
+    cell: Int[Tensor, " P"]
     beyond: Float[Tensor, "P 3"]
     corner: Int[Tensor, "cells 8"]
     own: Int[Tensor, "cells 8"]
@@ -36,7 +34,7 @@ class Ways:
     @property
     def bytes(self) -> int:
         """Memory that it takes."""
-        held = self.begin, self.order, self.beyond, self.corner, self.own, self.twin
+        held = self.cell, self.beyond, self.corner, self.own, self.twin
         return sum(part.numel() * part.element_size() for part in held)
 
     def up(
@@ -57,12 +55,12 @@ class Ways:
             for k, (to, part) in enumerate(zip(out, made.split(out[0].shape[1], 1), strict=True)):
                 to.copy_(part if scale is None else part * scale[k, :, None].to(part))
             return None
-        made = room(x, len(self.order), x.shape[1]) if out is None else None
+        made = room(x, len(self.cell), x.shape[1]) if out is None else None
         parts = [made] if made is not None else list(out or ())
         x = x if x.stride(1) == 1 else x.contiguous()
-        layout = addresses(parts), len(parts), *_layout(parts[0]), len(self.order)
-        cells = len(self.corner), self.begin, self.order, self.beyond, self.corner
-        call(found.ways_up, *cells, x, x.stride(0), *layout, scale)
+        layout = addresses(parts), len(parts), *_layout(parts[0])
+        points = len(self.cell), self.cell, self.beyond, self.corner
+        call(found.ways_up, *points, x, x.stride(0), *layout, scale)
         return made
 
     def down(
@@ -78,19 +76,16 @@ class Ways:
             parts = [part.contiguous() for part in parts]
         wide = padded(count)
         made = room(x, self.nodes + len(self.twin), wide).zero_()
-        layout = addresses(parts), len(parts), *_layout(parts[0]), len(self.order)
-        cells = len(self.corner), _part(len(self.corner)), self.begin, self.order, self.beyond, self.own
-        call(found.ways_down, *cells, *layout, scale, self.nodes, len(self.twin), self.twin, made, wide)
+        layout = addresses(parts), len(parts), *_layout(parts[0])
+        points = len(self.cell), _part(len(self.cell)), self.cell, self.beyond, self.own
+        call(found.ways_down, *points, *layout, scale, self.nodes, len(self.twin), self.twin, made, wide)
         return made[: self.nodes, :count]
 
     @cached_property
     def _plain(self) -> Sparse:
         """The matrix (P × N), for torch."""
-        cell = torch.arange(len(self.corner), device=self.corner.device)
-        cell = cell.repeat_interleave(self.begin.diff().long())
-        back = torch.argsort(self.order)
-        column = self.corner[cell[back]].flatten()
-        (x, y, z) = torch.stack([1 - self.beyond, self.beyond], 2)[back].unbind(1)
+        column = self.corner[self.cell.long()].flatten()
+        x, y, z = torch.stack([1 - self.beyond, self.beyond], 2).unbind(1)
         value = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).flatten()
         start = torch.arange(0, len(column) + 1, 8, dtype=torch.int32, device=column.device)
         return Sparse(start, column, value, self.nodes)
@@ -102,27 +97,29 @@ class Ways:
 def ways(
     cell: Int[Tensor, " P"], beyond: Float[Tensor, "P 3"], corner: Int[Tensor, "cells 8"], nodes: int
 ) -> Ways:
-    """The ways of points, each in a `cell`, none of which is empty; the others are as in `Ways`.
+    """The ways of points, each in a `cell`; the others are as in `Ways`.
 
-    Cells come in the order of their first points, near which the others are stored.
+    Cells come in the order of their first points, near which the others are stored; a cell whose points are
+    in several parts comes once for each.
     """
-    points = torch.arange(len(cell), dtype=torch.int32, device=cell.device)
-    first = torch.full_like(corner[:, 0], len(cell)).scatter_reduce_(0, cell.long(), points, "amin")
+    part = torch.arange(len(cell), device=cell.device) // _part(len(cell))
+    met, member = torch.unique(part * len(corner) + cell, return_inverse=True)
+    points = torch.arange(len(cell), device=cell.device)
+    first = torch.full_like(met, len(cell)).scatter_reduce_(0, member, points, "amin")
     rank = torch.argsort(first)
-    place = torch.empty_like(corner[:, 0])
+    place = torch.empty_like(rank, dtype=torch.int32)
     place[rank] = torch.arange(len(rank), dtype=torch.int32, device=cell.device)
-    place, order = torch.sort(place[cell.long()], stable=True)
-    begin = starts(torch.bincount(place, minlength=len(corner)))
-    corner = corner[rank]
-    return Ways(begin, order.int(), beyond[order], corner, *parted(corner, nodes), nodes)
+    corner, part = corner[(met % len(corner))[rank]], (met // len(corner))[rank]
+    return Ways(place[member], beyond.contiguous(), corner, *parted(corner, part, nodes), nodes)
 
 
-def parted(corner: Int[Tensor, "cells 8"], nodes: int) -> tuple[Int[Tensor, "cells 8"], Int[Tensor, " T"]]:
-    """Rows that parts of the cells may add to at the same time, and whose the rows beyond `nodes` are.
+def parted(
+    corner: Int[Tensor, "cells 8"], part: Int[Tensor, " cells"], nodes: int
+) -> tuple[Int[Tensor, "cells 8"], Int[Tensor, " T"]]:
+    """Rows that parts of the points may add to at the same time, and whose the rows beyond `nodes` are.
 
-    A node at corners of several parts has a row of its own for each of them.
+    A node at corners of cells of several parts has a row of its own for each of them.
     """
-    part = torch.arange(len(corner), device=corner.device) // _part(len(corner))
     part, flat = part.repeat_interleave(8), corner.flatten().long()
     least = part.new_full((nodes,), PARTS).scatter_reduce_(0, flat, part, "amin")
     shared = torch.nonzero(part != least[flat])[:, 0]
@@ -132,9 +129,9 @@ def parted(corner: Int[Tensor, "cells 8"], nodes: int) -> tuple[Int[Tensor, "cel
     return own.view_as(corner), (twins // PARTS).int()
 
 
-def _part(cells: int) -> int:
-    """Cells of one part."""
-    return max(-(-cells // PARTS), 1)
+def _part(points: int) -> int:
+    """Points of one part."""
+    return max(-(-points // PARTS), 1)
 
 
 def padded(count: int) -> int:
