@@ -8,20 +8,19 @@ from texsss.cache import Kept
 from texsss.light.exchange import exchange
 from texsss.numerics.sparse import Sparse
 from texsss.transport.bank import BUDGET_BYTES, Bank, Diffusion, diffusion, exitance
+from texsss.transport.bricks import Blur, Bricks
 from texsss.transport.budget import affordable
 from texsss.transport.doubts import doubts
 from texsss.transport.kernels import Kernel
-from texsss.transport.lattice import Blur
 from texsss.transport.levels import Level
 from texsss.transport.operators import Operators, surface_operators
 from texsss.transport.poisson import diffuse_poisson
-from texsss.transport.runs import Runs
 from texsss.transport.through import Across, on_one_side, transmitted
 from texsss.transport.ways import Ways
 from texsss.types import Float, Tensor
 
 # what results that last on disk are made of
-KINDS = (Operators, Kernel, Level, Ways, Blur, Runs, Sparse)
+KINDS = (Operators, Kernel, Level, Ways, Blur, Bricks, Sparse)
 
 
 class Diffusing(Beneath):
