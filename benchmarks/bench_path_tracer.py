@@ -9,8 +9,8 @@ point light. Pictures are averaged over boxes of 5 × 5 pixels; compared where a
 import argparse
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,9 +18,12 @@ import trimesh
 
 from texsss.baker import Baker
 from texsss.io.images import write_png
+from texsss.light.visibility import Occluder
 from texsss.media.presets import preset
 from texsss.scene import Scene
+from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
+from texsss.view.camera import Camera, pixel_centres, primary_hits
 
 HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePerrySmith.obj"
 OWN = "axolotl/axolotl.obj"
@@ -30,12 +33,22 @@ METHODS = {
     "no diffusion (Lambert)": {"diffusion": "none"},
     "diffusion of all light": {"diffusion": "surface"},
     "diffusion + march": {"diffusion": "surface", "single_scattering": "exact"},
-    "diffusion + march + transmission": {
+    "… + transmission": {"diffusion": "surface", "single_scattering": "exact", "transmission": True},
+    "… + interreflection": {
         "diffusion": "surface",
         "single_scattering": "exact",
         "transmission": True,
+        "interreflection": 3,
+    },
+    "… + angular": {
+        "diffusion": "surface",
+        "single_scattering": "exact",
+        "transmission": True,
+        "interreflection": 3,
+        "angular": True,
     },
 }
+AWAY = 1.5  # extents of the object: how far it is moved to tell what its distance from the origin costs
 
 
 def main() -> None:
@@ -43,15 +56,18 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=256, help="of the path tracer, per pixel")
     parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
     parser.add_argument("--atlas", type=int, default=1024)
-    parser.add_argument("--only", choices=("ball", "head", "axolotl"))
+    parser.add_argument("--only", choices=("ball", "head", "axolotl", "large axolotl"))
+    parser.add_argument("--keep", type=Path, help="a folder of what was traced, to be taken from there again")
     parser.add_argument("--pictures", type=Path, help="a folder for the pictures, as PNG")
     arguments = parser.parse_args()
     try:
+        import drjit
         import mitsuba
     except ImportError:
         print("skipped: the path tracer is not installed; pip install mitsuba")
         return
     mitsuba.set_variant("scalar_rgb")
+    drjit.set_thread_count(torch.get_num_threads())
     with tempfile.TemporaryDirectory() as folder:
         everything(arguments, ball(Path(folder)))
 
@@ -63,12 +79,27 @@ def ball(folder: Path) -> Path:
     return path
 
 
+@dataclass(frozen=True)
+class Case:
+    """One object in one medium under one lamp; lengths [mm], `intensity` [W/sr]."""
+
+    solid: Mesh
+    camera: Camera
+    occluder: Occluder
+    sigma_a: list[float]
+    sigma_s: list[float]
+    lamp: Float[Tensor, "3"]
+    intensity: float
+    reach: float
+
+
 def everything(arguments: argparse.Namespace, sphere: Path) -> None:
     """Prints the tables of all objects."""
     for name, mesh, medium in (
         ("ball", {"source": {"path": str(sphere)}, "unit_mm": 1.0}, "skin1"),
         ("head", {"source": {"path": str(HEAD)}}, "skin1"),
         ("axolotl", {"source": {"builtin": OWN}, "unit_mm": 1.0}, "marble"),
+        ("large axolotl", {"source": {"builtin": OWN}, "unit_mm": 3.0}, "marble"),
     ):
         if arguments.only not in (None, name):
             continue
@@ -90,6 +121,8 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
     reach = float(solid.extent.max())
     lamp = eye + reach * torch.tensor([1.0, 0.8, 0.2], dtype=torch.float64)
     intensity = (float((lamp - target).norm()) / 1000) ** 2  # about 1 W/m² where it shines
+    media = plain["sigma_a_per_mm"], plain["sigma_s_per_mm"]
+    case = Case(solid, camera, run.occluder.value, *media, lamp, intensity, reach)
     scene = {
         "mesh": mesh,
         "media": {"plain": plain},
@@ -105,7 +138,9 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
         "output": {"background": [0.0, 0.0, 0.0]},
     }
     start = time.perf_counter()
-    truth = traced(solid, camera, plain, lamp, intensity, arguments.samples)
+    size = "x".join(map(str, arguments.size))
+    kept = arguments.keep and arguments.keep / f"{name} {size} {arguments.samples}.pt"
+    truth = traced(case, arguments.samples, kept)
     print(f"\n{name}, {medium}, {reach:.0f} mm, {arguments.size[0]} × {arguments.size[1]}")
     print(f"path tracer, {arguments.samples} samples: {time.perf_counter() - start:.1f} s\n")
     print("| picture | relative RMSE, R G B | mean ratio, R G B | first, s | again, s |")
@@ -130,27 +165,62 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
         save(arguments.pictures, name, shown)
 
 
-def traced(solid: Any, camera: Any, plain: dict, lamp: Tensor, intensity: float, samples: int) -> Tensor:
-    """Mitsuba's picture (h, w, 3), in W/(m² sr)."""
+def traced(case: Case, samples: int, kept: Path | None) -> Tensor:
+    """Mitsuba's picture (h, w, 3), in W/(m² sr), freed of how far off a boundary its rays start.
+
+    It traces in single precision, and rays start 9e-5 × (1 + the largest coordinate) beyond what they cross:
+    so much of the medium scatters nothing of what enters, 1 to 4 % of the light here. That grows with the
+    distance from the origin: the same scene further away tells what none would be. Each channel is traced by
+    itself, as a grey medium: weights that differ between channels leave bright dots for long.
+    """
+    if kept is not None and kept.is_file():
+        return torch.load(kept)
+    seen = [
+        torch.stack([once(case, channel, seed, samples, away) for channel in range(3)], -1)
+        for seed, away in enumerate((0.0, AWAY * case.reach))
+    ]
+    hits = primary_hits(case.camera, case.occluder, *every_pixel(case.camera), torch.float32)
+    place = hits.points.position(case.solid)
+    near, far = (1 + (place + place.new_tensor([x, 0, 0])).abs().amax(1) for x in (0.0, AWAY * case.reach))
+    share = torch.full((len(seen[0].flatten(0, 1)),), float((near / (far - near)).mean()))
+    share[hits.pixel] = (near / (far - near)).to(share)
+    truth = seen[0] + share.reshape(*seen[0].shape[:2], 1) * (seen[0] - seen[1])
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(truth, kept)
+    return truth
+
+
+def every_pixel(camera: Camera) -> tuple[Tensor, Tensor]:
+    """Centres and numbers of all pixels."""
+    return pixel_centres(camera), torch.arange(camera.resolution[0] * camera.resolution[1])
+
+
+def once(case: Case, channel: int, seed: int, samples: int, away: float) -> Tensor:
+    """One channel (h, w) as it is seen when everything is `away` from where it is [mm]."""
     import mitsuba as mi
 
-    extinct = np.add(plain["sigma_a_per_mm"], plain["sigma_s_per_mm"])
-    albedo = plain["sigma_s_per_mm"] / extinct
-    eye, target, up = (np.asarray(v, dtype=float) for v in (camera.position, camera.target, camera.up))
-    width, height = camera.resolution
+    scattered, extinct = case.sigma_s[channel], case.sigma_s[channel] + case.sigma_a[channel]
+    move = np.array([away, 0.0, 0.0])
+    eye, target, up = (
+        np.asarray(v, dtype=float) for v in (case.camera.position, case.camera.target, case.camera.up)
+    )
+    width, height = case.camera.resolution
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "solid.ply"
-        trimesh.Trimesh(solid.vertices.numpy(), solid.faces.numpy(), process=False).export(path)
+        trimesh.Trimesh(
+            case.solid.vertices.double().numpy() + move, case.solid.faces.numpy(), process=False
+        ).export(path)
         scene = mi.load_dict(
             {
                 "type": "scene",
-                "integrator": {"type": "volpathmis", "max_depth": -1, "rr_depth": 100},
+                "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 100},
                 "sensor": {
                     "type": "perspective",
-                    "fov": float(np.degrees(camera.fov_y)),
+                    "fov": float(np.degrees(case.camera.fov_y)),
                     "fov_axis": "y",
                     "to_world": mi.ScalarTransform4f().look_at(
-                        origin=eye.tolist(), target=target.tolist(), up=up.tolist()
+                        origin=(eye + move).tolist(), target=(target + move).tolist(), up=up.tolist()
                     ),
                     "film": {
                         "type": "hdrfilm",
@@ -167,21 +237,16 @@ def traced(solid: Any, camera: Any, plain: dict, lamp: Tensor, intensity: float,
                     "filename": str(path),
                     "face_normals": True,
                     "bsdf": {"type": "null"},
-                    "interior": {
-                        "type": "homogeneous",
-                        "sigma_t": {"type": "rgb", "value": (extinct / extinct.max()).tolist()},
-                        "scale": float(extinct.max()),
-                        "albedo": {"type": "rgb", "value": albedo.tolist()},
-                    },
+                    "interior": {"type": "homogeneous", "sigma_t": extinct, "albedo": scattered / extinct},
                 },
                 "lamp": {
                     "type": "point",
-                    "position": lamp.tolist(),
-                    "intensity": {"type": "rgb", "value": [intensity * 1e6] * 3},  # of mm
+                    "position": (case.lamp.numpy() + move).tolist(),
+                    "intensity": {"type": "rgb", "value": [case.intensity * 1e6] * 3},  # of mm
                 },
             }
         )
-        return torch.from_numpy(np.array(mi.render(scene)))
+        return torch.from_numpy(np.array(mi.render(scene, seed=3 * seed + channel)))[..., 0]
 
 
 def errors(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) -> tuple[Tensor, Tensor]:

@@ -167,7 +167,7 @@ def asked(scene: Scene, name: str) -> Scene:
     change = {"diffusion": "surface", "single_scattering": kind} if kind != method else {"diffusion": method}
     change = {"single_scattering": "none"} | change | {"transmission": name.endswith(THROUGH)}
     if method in ALONE:
-        change |= {"interreflection": 0}
+        change |= {"interreflection": 0, "angular": False}
     return scene.model_copy(
         update={
             "methods": scene.methods.model_copy(update=change),

@@ -72,7 +72,9 @@ class Diffusing(Beneath):
             return self.hierarchical(scattering)
         if self.scene.methods.diffusion == "parallax":
             return self.seen_along_normals
-        left, echo = self._spread(self.bank, scattering), self.echo
+        # an eye sees angles; textures do not
+        bank = self._bank(self.irradiance_by_angle) if scattering == "unmarched" else self.bank
+        left, echo = self._spread(bank, scattering), self.echo
         if echo is None:
             return left
         # of light from other parts no march knows anything

@@ -9,6 +9,7 @@ from texsss.light.irradiance import irradiance_at
 from texsss.light.sites import Sites, sites_at
 from texsss.look import bumped
 from texsss.matter import Matter
+from texsss.profiles.angular import Angular
 from texsss.surface.points import Points
 from texsss.types import Float, Tensor
 
@@ -37,8 +38,8 @@ class Lighting(Matter):
         images = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal].value}
         return sites_at(points, mesh, bumped(surface, images, points, mesh))
 
-    def entered(self, sites: Sites, stage: str) -> Float[Tensor, "P 3"]:
-        """Entered irradiance at sites [W/m²]."""
+    def entered(self, sites: Sites, stage: str, by_angle: Angular | None = None) -> Float[Tensor, "P 3"]:
+        """Entered irradiance at sites [W/m²], weighed by its angle where told how."""
         return irradiance_at(
             sites,
             self.lights,
@@ -47,6 +48,7 @@ class Lighting(Matter):
             environment_samples=placing.environment_samples(self.scene),
             area_samples=placing.area_samples(self.scene),
             seed=self.scene.seed,
+            by_angle=None if by_angle is None else by_angle.at,
             **self.hooks(stage),
         )
 
@@ -68,3 +70,13 @@ class Lighting(Matter):
         sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
         make = lambda: self.entered(sites.value, "light")  # noqa: E731
         return self.stage("light", make, sites, self.lights_key, eta, seed)
+
+    @property
+    def irradiance_by_angle(self) -> Kept:
+        """Entered irradiance at the texels, as much as comes back of its angle per that of diffuse light."""
+        how = self.angular
+        if how is None:
+            return self.irradiance
+        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        make = lambda: self.entered(sites.value, "light", how.value)  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed, how)

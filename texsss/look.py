@@ -11,6 +11,7 @@ from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.methods import MarchSpec
 from texsss.numerics.sampling import Texture
+from texsss.profiles.angular import Angular
 from texsss.resolve import Images
 from texsss.specs import SurfaceSpec
 from texsss.surface.mesh import Mesh
@@ -85,17 +86,21 @@ def shower(
     exitance: Float[Tensor, "H W 3"] | Callable[[Hits], Tensor],
     atlas_uv: Float[Tensor, "F 3 2"],
     single: Callable[[Hits], Tensor] | None = None,
+    by_angle: Angular | None = None,
 ) -> Callable[[Sight], Tensor]:
     """The function from what is seen to radiance (P, 3) [W/(m² sr)], scattered light included.
 
     `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
-    diffusion. `single`: radiance of light scattered once at hits, to be added.
+    diffusion. `single`: radiance of light scattered once at hits, to be added. `by_angle`: how all other
+    leaves; evenly when None.
     """
     shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
 
     def show(seen: Sight) -> Tensor:
         hits = seen.hits
         scattered = shown.at(hits.points.uv(atlas_uv)) if isinstance(shown, Texture) else shown(hits)
+        if by_angle is not None:
+            scattered = scattered * by_angle.at(seen.cosine)
         radiance = scattered * seen.gain + seen.gloss
         return radiance if single is None else radiance + single(hits)
 

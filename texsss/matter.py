@@ -11,6 +11,7 @@ from texsss.cache import Kept, content_key
 from texsss.ground import Ground
 from texsss.light.thickness import FarSide
 from texsss.look import map_names, painted, share_of
+from texsss.profiles.angular import angular
 from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.through import weights_through
@@ -156,6 +157,20 @@ class Matter(Ground):
     def _profile_key(self, scattering: str) -> tuple:
         methods = self.scene.methods
         return self.stack, self.texels, self.variances, methods.profile, scattering, methods.incidence
+
+    @cached_property
+    def angular(self) -> Kept | None:
+        """How what is not marched enters and leaves by its angle, of mean maps; None unless asked for."""
+        methods, scene = self.scene.methods, self.scene
+        if not methods.angular or methods.single_scattering == "none":
+            return None
+        used = {name: self.image(name) for name in resolve.material_maps(scene)}
+
+        def make():
+            means = {name: image.value.mean((0, 1), keepdim=True) for name, image in used.items()}
+            return angular(resolve.stack(scene, means), model=methods.profile)
+
+        return self.stage("angular", make, self.stack, methods.profile)
 
     @property
     def normalised(self) -> bool:

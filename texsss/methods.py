@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from texsss.specs import Count, Model, NonNegative, Number, Positive, Unit
 
 MOST_BOUNCES = 16
-ALONE = ("octree", "parallax")  # methods whose light no other part receives
+ALONE = ("octree", "parallax")  # methods whose light no other part receives, and that know no angles
 
 
 class OctreeSpec(Model):
@@ -76,8 +76,8 @@ class MethodsSpec(Model):
     With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
     steps and diffuse only the rest; textures hold both, since they know no eye. With `transmission`,
     light also comes through from the far side of the object, as much as its thickness there lets pass.
-    `interreflection`: how often light that left one part of the object lights others; not with `octree` or
-    `parallax`.
+    `interreflection`: how often light that left one part of the object lights others. `angular`: beside a
+    march all other light enters and leaves by its angle, not evenly. Neither with `octree` or `parallax`.
     `diffusion: parallax` shows textures beneath textures instead; pictures alone see them shift.
     """
 
@@ -91,6 +91,7 @@ class MethodsSpec(Model):
     single_scattering: Literal["none", "uniform", "exact"] = "none"
     march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
+    angular: bool = False
     interreflection: Annotated[Count, Field(ge=0, le=MOST_BOUNCES)] = 0
     octree: OctreeSpec = OctreeSpec()
     poisson: PoissonSpec = PoissonSpec()
@@ -98,10 +99,14 @@ class MethodsSpec(Model):
     parallax: ParallaxSpec = ParallaxSpec()
 
     @model_validator(mode="after")
-    def _parts_light_each_other(self) -> "MethodsSpec":
+    def _asks_what_there_is(self) -> "MethodsSpec":
         if self.interreflection and self.diffusion in ALONE:
             raise ValueError(
                 f"interreflection: expected 0 with diffusion {self.diffusion!r}, got {self.interreflection}; "
                 "choose surface or uv to have parts light each other"
+            )
+        if self.angular and self.diffusion in ALONE:
+            raise ValueError(
+                f"angular: expected false with diffusion {self.diffusion!r}, got true; choose surface or uv"
             )
         return self

@@ -135,7 +135,7 @@ class Run(Diffusing):
         scene, surface = self.scene, self.scene.material.surface
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
         methods, eta, maps = scene.methods, self.stack.value.eta, self.surface_maps
-        once = self.single
+        once, how_leaves = self.single, self.angular
         scattering = "total" if once is None else "unmarched"
         at_hits = methods.diffusion == "octree" and methods.octree.receivers == "hits"
         image = (self.emission if at_hits else self.diffused)(scattering)
@@ -148,7 +148,8 @@ class Run(Diffusing):
         def make():
             tint = None if surface.albedo is None else maps[surface.albedo].value
             single = once if once is None or tint is None else tinted(once, tint, mesh)
-            show = shower(scattered(), atlas.uv, single)
+            angles = None if how_leaves is None else how_leaves.value
+            show = shower(scattered(), atlas.uv, single, angles)
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(
@@ -166,6 +167,7 @@ class Run(Diffusing):
         marched = None if once is None else (self.planes, how)
         lit = (
             image,
+            how_leaves,
             (self.irradiance, methods.octree) if at_hits else None,
             marched,
             maps,

@@ -25,13 +25,14 @@ STAGE_VERSIONS = {
     "samples": 1,
     "octree": 1,
     "weights": 3,
+    "angular": 1,
     "exchange": 1,
     "echo": 1,
     "exitance": 1,
     "beneath": 1,
     "planes": 1,
     "camera": 1,
-    "sights": 3,
+    "sights": 4,
     "picture": 6,
 }
 """Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""

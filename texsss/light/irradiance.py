@@ -1,6 +1,6 @@
 """Light that enters the surface at points: every light, with shadows and Fresnel."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -48,6 +48,7 @@ def irradiance_at(
     area_samples: int = AREA_SAMPLES,
     sharing: int = SHARING,
     seed: int = 0,
+    by_angle: Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]] | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Float[Tensor, "P 3"]:
@@ -57,8 +58,9 @@ def irradiance_at(
     `environment_samples` or `area_samples` times, in an order of their own at every site; the same
     seed gives the same numbers. Of environments, each site traces only every `sharing`-th sample and
     takes the share of light that is not hidden from its `sharing` nearest neighbours, too (a blur of
-    a few texels; 1 traces all). Differentiable in lights and sites, not in visibility, nor in an
-    environment's image.
+    a few texels; 1 traces all). `by_angle` weighs light by its cosine, but that of
+    environments, which comes from everywhere. Differentiable in lights and sites, not in visibility,
+    nor in an environment's image.
     Raises DomainError: when a number of samples is below 1. Raises Cancelled.
     """
     if min(environment_samples, area_samples, sharing) < 1:
@@ -79,7 +81,7 @@ def irradiance_at(
                 squares = [total.new_zeros(len(total), 2)]
             else:
                 squares = _squares(area_samples, len(total), seed + number, generator)
-            total = total + _sampled(light, site, eta, occluder, squares, cancel)
+            total = total + _sampled(light, site, eta, occluder, squares, by_angle, cancel)
         ended.append(row)
         if progress is not None and not surroundings:
             progress("light", len(ended) / len(rows))
@@ -104,6 +106,7 @@ def _sampled(
     eta: float,
     occluder: Occluder | None,
     squares: Iterable[Tensor],
+    by_angle: Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]] | None,
     cancel: Cancel | None,
 ) -> Float[Tensor, "P 3"]:
     """Entered irradiance of one light, the mean over `squares` (P, 2) in 0..1².
@@ -122,6 +125,8 @@ def _sampled(
             continue
         cosine, direction = cosine[rows], seen.direction[rows]
         entering = seen.irradiance[rows] * (cosine * fresnel.transmittance(cosine, eta))[:, None]
+        if by_angle is not None:
+            entering = entering * by_angle(cosine)
         hidden = _hidden(occluder, site, rows, direction, seen.distance[rows])
         total = total.index_add(0, rows, entering * (~hidden)[:, None])
     return total if count == 1 else total / count

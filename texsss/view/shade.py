@@ -58,10 +58,12 @@ class Sight:
     """What the camera sees at `hits` but for the scattered light: that of exitance M is gain M + gloss.
 
     `gain` [1/sr]: how much of it leaves towards the camera, the albedo included; `gloss` [W/(m² sr)]: the
-    highlights. Neither knows the material beneath: an edit of it leaves them as they are.
+    highlights; `cosine`: of the shading normal. None knows the material beneath: an edit of it leaves them
+    as they are.
     """
 
     hits: Hits
+    cosine: Float[Tensor, " P"]
     gain: Float[Tensor, "P 3"]
     gloss: Float[Tensor, "P 3"]
 
@@ -111,7 +113,7 @@ def sight(
         gain = gain * Texture.of(albedo, "repeat").at(hits.points.uv(mesh.source_uv))
     mirrored = torch.zeros_like(gain)
     if gloss is None or not lights:
-        return Sight(hits, gain, mirrored)
+        return Sight(hits, cosine, gain, mirrored)
     site = _Site(hits, mesh, normal, occluder)
     seed = hits.seed(seed)
     generator = torch.Generator().manual_seed(seed)
@@ -127,7 +129,7 @@ def sight(
             if not light.is_delta:
                 squares = _squares(area_samples, len(cosine), seed + number, generator)
             mirrored = mirrored + _highlight(light, site, gloss, eta, squares)
-    return Sight(hits, gain, mirrored * _per_hit(gloss.strength, site)[:, None])
+    return Sight(hits, cosine, gain, mirrored * _per_hit(gloss.strength, site)[:, None])
 
 
 def facing(normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:

@@ -1,0 +1,55 @@
+"""Light by its angle through the whole pipeline: a sheet shows the product of both directions' shares."""
+
+import math
+
+import pytest
+import torch
+from charted_shapes import sheet
+from test_estimate import obj
+
+from texsss.baker import Baker
+from texsss.errors import DomainError
+from texsss.media.presets import preset
+from texsss.media.stack import Layer, Stack
+from texsss.profiles.angular import angular
+from texsss.scene import Scene
+
+SUN, EYE = 1.2, 0.7  # from the normal [rad]
+
+
+def test_a_sheet_shows_both_directions(tmp_path):
+    """All but what is marched is e(μ) e(μ') times what it is when light enters and leaves evenly."""
+    baker = Baker()
+    source = {"source": obj(tmp_path / "sheet.obj", sheet(2, 100.0, 100.0)), "unit_mm": 1}
+    far = [50 + 5000 * math.sin(EYE), 50, 5000 * math.cos(EYE)]
+    scene = {
+        "mesh": source,
+        "atlas": {"size": 16},
+        "material": {"layers": [{"medium": "skin1"}], "surface": {"specular": 0.0}},
+        "lights": [{"type": "directional", "direction": [math.sin(SUN), 0, math.cos(SUN)]}],
+        "camera": {
+            "position_mm": far,
+            "target_mm": [50, 50, 0],
+            "fov_y_deg": 0.05,
+            "resolution": [4, 3],
+            "samples": 1,
+        },
+    }
+
+    def shown(on: bool, **methods) -> torch.Tensor:
+        how = {"diffusion": "none", "single_scattering": "exact", "angular": on} | methods
+        given = Scene.parse(scene | {"methods": how})
+        return (baker.render(given) - baker.intermediate(given, "single")).mean((0, 1))
+
+    made = angular(Stack([Layer(preset("skin1"))]))
+    both = made.at(torch.tensor([math.cos(SUN), math.cos(EYE)])).prod(0)
+    torch.testing.assert_close(shown(True) / shown(False), both, rtol=1e-4, atol=0)
+    assert float((both - 1).abs().max()) > 0.01
+    even = [baker.render(Scene.parse(scene | {"methods": {"angular": on}})) for on in (True, False)]
+    assert torch.equal(*even)  # textures know no eye
+
+
+@pytest.mark.parametrize("diffusion", ["octree", "parallax"])
+def test_methods_without_angles_say_so(diffusion):
+    with pytest.raises(DomainError, match="angular: expected false"):
+        Scene.parse({"methods": {"diffusion": diffusion, "angular": True}})
