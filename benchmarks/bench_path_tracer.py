@@ -48,6 +48,7 @@ METHODS = {
         "angular": True,
     },
 }
+NEVER = 1 << 20  # roulette on paths of hundreds of scatterings leaves a few of great weight: bright dots
 AWAY = 1.5  # extents of the object: how far it is moved to tell what its distance from the origin costs
 
 
@@ -214,7 +215,7 @@ def once(case: Case, channel: int, seed: int, samples: int, away: float) -> Tens
         scene = mi.load_dict(
             {
                 "type": "scene",
-                "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 100},
+                "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": NEVER},
                 "sensor": {
                     "type": "perspective",
                     "fov": float(np.degrees(case.camera.fov_y)),

@@ -30,7 +30,7 @@ def test_a_sheet_shows_both_directions(tmp_path):
         "camera": {
             "position_mm": far,
             "target_mm": [50, 50, 0],
-            "fov_y_deg": 0.05,
+            "fov_y_deg": 1,
             "resolution": [4, 3],
             "samples": 1,
         },
@@ -43,7 +43,7 @@ def test_a_sheet_shows_both_directions(tmp_path):
 
     made = angular(Stack([Layer(preset("skin1"))]))
     both = made.at(torch.tensor([math.cos(SUN), math.cos(EYE)])).prod(0)
-    torch.testing.assert_close(shown(True) / shown(False), both, rtol=1e-4, atol=0)
+    torch.testing.assert_close(shown(True) / shown(False), both, rtol=2e-3, atol=0)  # the eye is near
     assert float((both - 1).abs().max()) > 0.01
     even = [baker.render(Scene.parse(scene | {"methods": {"angular": on}})) for on in (True, False)]
     assert torch.equal(*even)  # textures know no eye

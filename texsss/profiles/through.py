@@ -35,14 +35,16 @@ def weights_through(
     A stack without a bottom is cut in the middle of the object and mirrored: the far side has the same
     layers. One with a bottom is taken as it is; it passes light to a far side within twice its own
     thickness, and none beyond four times. Where `thickness` is infinite nothing passes. `scattering` is
-    of what comes back; what passes is the total. Both are sums of Gaussians of the distance along the
-    surface. `points_uv` (P, 2) where the stack varies. Not differentiable in `thickness`.
+    of what comes back; what passes is the total. The march ends with the object, too, but knows nothing of
+    the far side's upper layers: `unmarched` holds what these scatter once. Both are sums of Gaussians of the
+    distance along the surface. `points_uv` (P, 2) where the stack varies. Not differentiable in `thickness`.
     Raises as `weights_for`.
     """
     varies = stack.varies and points_uv is not None
     single = torch.float32
     table = stack.at(points_uv, single) if varies and points_uv is not None else stack.table(single)
     rounded = _rounded(thickness, COARSE_STEP if varies else STEP)
+    own_side = table
     if table.bottomless:
         table = mirrored(table, rounded)
         share = None
@@ -53,7 +55,15 @@ def weights_through(
     options = {"model": model, "incidence": incidence, "levels": None, "points": len(thickness)}
     options["compiled"] = compiled
     hooks = {"progress": progress, "cancel": cancel}
-    back = weights_for(table, variances, side="reflectance", scattering=scattering, **options, **hooks)
+    if scattering == "unmarched" and len(stack.layers) > 1 and share is None:
+        # what is marched are the layers of this side alone
+        ends = ended(own_side, rounded)
+        back = weights_for(table, variances, side="reflectance", scattering="total", **options, **hooks)
+        for kind, sign in (("unmarched", 1.0), ("total", -1.0)):
+            here = weights_for(ends, variances, side="reflectance", scattering=kind, **options, cancel=cancel)
+            back = back.plus(here, sign)
+    else:
+        back = weights_for(table, variances, side="reflectance", scattering=scattering, **options, **hooks)
     passed = weights_for(table, variances, side="transmittance", **options, cancel=cancel)
     if share is None:
         return back, passed
@@ -78,6 +88,22 @@ def mirrored(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
     sigma_a, sigma_s, g = (x[:, order] for x in fields[:3])
     eta = tuple(table.eta[i] for i in order)
     return replace(table.of([sigma_a, sigma_s, g, depths]), eta=eta, bottomless=False)
+
+
+def ended(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
+    """The layers of one side down to the end of an object of `thickness` [mm]; batch (P,).
+
+    `table`: of a stack without a bottom, batch () or (P,).
+    """
+    count, layers = len(thickness), table.sigma_a.shape[-2]
+    sigma_a, sigma_s, g, own = (x.expand(count, layers, x.shape[-1]) for x in table.fields)
+    depths, left = [], thickness[:, None].to(own)
+    for i in range(layers - 1):
+        depth = torch.minimum(own[:, i], left)
+        depths.append(depth)
+        left = left - depth
+    depths.append(left.expand_as(own[:, 0]))
+    return replace(table.of([sigma_a, sigma_s, g, torch.stack(depths, 1)]), bottomless=False)
 
 
 def straight(passed: Weights, thickness: Float[Tensor, " P"]) -> Weights:

@@ -49,6 +49,13 @@ class Weights:
         table = self.table[keys // share.shape[0]] * share[keys % share.shape[0]][:, None]
         return replace(self, table=table, row=rows.to(torch.int32))
 
+    def plus(self, other: "Weights", sign: float = 1.0) -> "Weights":
+        """The sum with `sign` times the weights of the same Gaussians at the same texels."""
+        few = len(other.table)
+        keys, rows = torch.unique(self.row.long() * few + other.row, return_inverse=True)
+        table = torch.add(self.table[keys // few], other.table[keys % few], alpha=sign)
+        return replace(self, table=table, row=rows.to(torch.int32))
+
 
 def weights_for(
     material: Material,
