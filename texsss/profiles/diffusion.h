@@ -41,23 +41,30 @@ struct Diffusion {
     out = below / float(ends[0]);
   }
 
-  V at(float s) const {
-    const float s2 = s * s;
-    V response = {}, admittance = all(1), whole = all(1);  // the first two over the third
+  // Of N frequencies, step by step side by side: what one waits for another computes
+  template <int N>
+  void at(const float* s, V* result) const {
+    V response[N], admittance[N], whole[N];  // the first two over the third
+    for (int i = 0; i < N; i++) response[i] = V{}, admittance[i] = whole[i] = all(1);
     for (int k = int(layers.size()) - 1; k >= 0; k--) {
       const Diffusive& here = layers[k];
       if (here.endless) {
-        admittance = root(here.rate + s2);
-        for (int j = 0; j < BEAMS; j++) response += here.down[j] * inverse(here.tau[j] + admittance);
+        for (int i = 0; i < N; i++) admittance[i] = root(here.rate + s[i] * s[i]);
+        for (int j = 0; j < BEAMS; j++)
+          for (int i = 0; i < N; i++) response[i] += here.down[j] * inverse(here.tau[j] + admittance[i]);
         continue;
       }
-      V part = inverse(whole), Gd = here.into * admittance * part;
-      Crossing mode = crossing(here.rate + s2 * here.d2);
-      Lit light = lit(mode, here.tau, here.beam, here.down, here.up, mirrored);
-      whole = mode.c + Gd;
-      response = light.near * whole + mode.k * (light.far + response * part);
-      admittance = mode.squared + Gd * mode.c;
+      Crossing mode[N];
+      Lit light[N];
+      for (int i = 0; i < N; i++) mode[i] = crossing(here.rate + s[i] * s[i] * here.d2);
+      for (int i = 0; i < N; i++) light[i] = lit(mode[i], here.tau, here.beam, here.down, here.up, mirrored);
+      for (int i = 0; i < N; i++) {
+        V part = inverse(whole[i]), Gd = here.into * admittance[i] * part;
+        whole[i] = mode[i].c + Gd;
+        response[i] = light[i].near * whole[i] + mode[i].k * (light[i].far + response[i] * part);
+        admittance[i] = mode[i].squared + Gd * mode[i].c;
+      }
     }
-    return response * inverse(whole + admittance * out);
+    for (int i = 0; i < N; i++) result[i] = response[i] * inverse(whole[i] + admittance[i] * out);
   }
 };

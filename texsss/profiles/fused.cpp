@@ -7,6 +7,7 @@
 #include "sweep.h"
 
 constexpr float DETOUR = 2, FEW = 1e-6f;
+constexpr int TOGETHER = 2;  // frequencies, or terms, side by side
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
 struct Header {
@@ -148,8 +149,18 @@ struct Solver {
     return left / total;
   }
 
+  void spectrum(const float* s, V* result) const {
+    int i = 0;
+    if (!h.sp3)
+      for (; i + TOGETHER <= h.frequencies; i += TOGETHER) diffusion.at<TOGETHER>(s + i, result + i);
+    for (; i < h.frequencies; i++)
+      if (h.sp3)
+        result[i] = at(s[i]);
+      else
+        diffusion.at<1>(s + i, result + i);
+  }
+
   V at(float s) const {
-    if (!h.sp3) return diffusion.at(s);
     V total = {};
     if (h.once) total = h.deflected ? truly.at(s) : reduced.at(s);
     if (h.twice) total += factor * swept(sweeps, s);
@@ -191,13 +202,19 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
       solver.layers[k] = layer_of(found[0], found[1] * (1 - found[2]), found[2], found[3], asked.etas[k]);
     }
     solver.prepare();
-    for (int i = 0; i < h.frequencies; i++) spectrum[i] = solver.at(s[i]);
-    for (int t = 0; t < h.terms; t++) {
-      V total = {};
-      for (int i = 0; i < h.frequencies; i++) total += matrix[t * h.frequencies + i] * spectrum[i];
-      float made[WIDTH];
-      std::memcpy(made, &total, sizeof made);
-      for (int i = 0; i < lanes; i++) result[(start * h.terms + t) * C + to[i]] = made[i];
+    solver.spectrum(s, spectrum.data());
+    for (int t = 0; t < h.terms; t += TOGETHER) {
+      const int some = h.terms - t < TOGETHER ? h.terms - t : TOGETHER;
+      V total[TOGETHER] = {};
+      const float* by[TOGETHER];
+      for (int u = 0; u < TOGETHER; u++) by[u] = matrix + (t + (u < some ? u : 0)) * h.frequencies;
+      for (int i = 0; i < h.frequencies; i++)
+        for (int u = 0; u < TOGETHER; u++) total[u] += by[u][i] * spectrum[i];
+      for (int u = 0; u < some; u++) {
+        float made[WIDTH];
+        std::memcpy(made, &total[u], sizeof made);
+        for (int i = 0; i < lanes; i++) result[(start * h.terms + t + u) * C + to[i]] = made[i];
+      }
     }
   }
 #if defined(__SSE__)
