@@ -122,6 +122,21 @@ def test_a_mesh_of_ones_own(visit, tmp_path):
     page.wait_for_selector("#badge[data-state=final]")
     assert "asset" in state(page)["mesh"]["source"]
     assert shown(page).std() > 10
+    page.get_by_text("The mesh is here, ", exact=False).wait_for()
+    # lamps stay around what is larger now, and as bright there
+    page.evaluate("(lamp) => texsss.store.edit((s) => { s.mesh.unit_mm = 1; s.lights = [lamp]; })", LAMP)
+    page.get_by_label("One unit of the file is in mm").fill("10")
+    settle(page, lambda: page.get_by_label("One unit of the file is in mm").press("Enter"))
+    lamp = state(page)["lights"][0]
+    assert np.allclose(lamp["position_mm"], [10 * x for x in LAMP["position_mm"]])
+    assert np.allclose(lamp["intensity_w_per_sr"], [100 * x for x in LAMP["intensity_w_per_sr"]])
+    page.wait_for_timeout(400)
+    page.reload()
+    page.get_by_role("tab", name="Object").click()
+    page.get_by_text("other", exact=True).wait_for()
+
+
+LAMP = {"type": "point", "position_mm": [300, 150, 250], "intensity_w_per_sr": [0.8, 0.8, 0.8]}
 
 
 def test_a_shared_mesh_with_its_colours(visit, shared_data):
@@ -193,7 +208,7 @@ def test_pictures_and_turns(visit):
     page = visit()
     with page.expect_download() as download:
         page.locator("#view").press("s")
-    assert download.value.suggested_filename == "mesh.png"
+    assert download.value.suggested_filename == "ring.png"
     with Image.open(download.value.path()) as picture:
         assert np.asarray(picture).std() > 10
     stood = pose(page)

@@ -197,6 +197,10 @@ export const api = {
   async inspect(scene: object, options?: Options): Promise<{ advice: string[] }> {
     return (await post("/v1/inspect", scene, options)).json();
   },
+  /** What is kept under a sha256. */
+  async asset(sha256: string): Promise<Asset> {
+    return (await ask(`/v1/assets/${sha256}`, {})).json();
+  },
   async upload(file: File, signal?: AbortSignal): Promise<Asset> {
     const url = `/v1/assets?name=${encodeURIComponent(file.name)}`;
     const headers = { "content-type": "application/octet-stream" };

@@ -71,6 +71,7 @@ export class App {
   private framed = "";
   private radius = 1; // [mm] of the object when it was last seen
   private baking: AbortController | null = null;
+  private arriving = false; // a mesh of one's own is
 
   constructor({ scenes, presets, shared, initial, state }: Opening) {
     this.camera = scenes[0].scene.camera;
@@ -103,6 +104,11 @@ export class App {
         for (const panel of this.panels) panel.sync();
         this.profiles.panel.place(showing);
         this.compare.sync(store.editing);
+        if (geometry && this.arriving) {
+          const [low, high] = showing.mesh.box_mm;
+          this.bar.announceMesh(Math.max(...high.map((most, k) => most - low[k])), showing.mesh.unit_assumed);
+          this.arriving = false;
+        }
         this.announce(geometry ? `${this.name} is shown, ${showing.mesh.faces} triangles` : "");
       },
       light: (texture, final) => {
@@ -125,7 +131,10 @@ export class App {
       online,
     });
     this.files = new Files(store, find("view"), {
-      shown: (kind) => kind === "mesh" && this.bar.announceMesh(),
+      shown: (kind) => void (this.arriving ||= kind === "mesh"),
+      named: () => {
+        for (const panel of this.panels) panel.sync();
+      },
       initial: this.initial,
       busy: (stage) => (stage ? this.status.show({ state: "busy", texels: store.state.atlas.size, ms: 0, stage, fraction: 0 }) : this.status.done()),
     });
@@ -247,6 +256,7 @@ export class App {
     setTimeout(furnished, PATIENCE_MS);
     this.address.restore(shared?.view);
     this.live.want(store.state, false);
+    void this.files.learn();
   }
 
   private get name(): string {

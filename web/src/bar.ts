@@ -2,7 +2,7 @@
 
 import type { Compare } from "./compare";
 import { copyText } from "./dialogs";
-import { h, iconButton, save } from "./dom";
+import { h, iconButton, plain, save } from "./dom";
 import type { Store } from "./store";
 import { toast } from "./toast";
 import type { Viewer } from "./view/viewer";
@@ -62,8 +62,11 @@ export class Bar {
     this.redo.disabled = !this.host.store.canRedo;
   }
 
-  announceMesh(): void {
-    toast("The mesh is here", "Its size in Object tells how far light travels in it.", "note");
+  /** Tells how large a mesh that came is [mm], since scattering depends on it. */
+  announceMesh(size_mm: number, assumed: boolean): void {
+    const size = size_mm < 1000 ? `${plain(Number(size_mm.toPrecision(2)))} mm` : `${plain(Number((size_mm / 1000).toPrecision(2)))} m`;
+    const right = assumed ? "That is a guess: its file names no unit. " : "";
+    toast(`The mesh is here, ${size} long`, `${right}If it should be larger or smaller, change Size under Object: how far light travels in it depends on it.`, "note");
   }
 
   private turn(on = this.turning === 0): void {

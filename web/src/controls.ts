@@ -126,6 +126,7 @@ export function choice<T extends string>(store: Store, options: ChoiceOptions<T>
 
 interface ColourOptions {
   label: string;
+  hint?: string;
   get(state: State): Triple;
   set(state: State, value: Triple): void;
 }
@@ -140,7 +141,7 @@ export function colour(store: Store, options: ColourOptions): Control {
     onchange: () => store.commit(),
   });
   const sync = () => void (input.value = toHex(options.get(store.state)));
-  const element = h("div", { class: "control row" }, h("label", { for: id }, options.label), input);
+  const element = h("div", { class: "control row", title: options.hint }, h("label", { for: id }, options.label), input);
   sync();
   return { element, sync };
 }

@@ -13,6 +13,8 @@ const IMAGES = /\.(png|jpe?g|webp|exr|hdr)$/i;
 export interface FilesHost {
   initial: State;
   shown(kind: "mesh" | "map"): void;
+  /** Names were learnt. */
+  named(): void;
   busy(text: string | null): void;
 }
 
@@ -36,7 +38,7 @@ export class Files {
       over(false);
       const file = event.dataTransfer?.files[0];
       if (file) void this.take(file);
-      if (event.dataTransfer!.files.length > 1) toast("One file at a time", `${file!.name} was taken; drop the others after it.`, "note");
+      if (event.dataTransfer!.files.length > 1) toast("One file at a time", `Of these only ${file!.name} was looked at; drop the others after it.`, "note");
     });
   }
 
@@ -143,6 +145,20 @@ export class Files {
       if (!signal?.aborted) showProblem(error);
       return null;
     }
+  }
+
+  /** Learns the names of files that another page, or this one before, sent. */
+  async learn(): Promise<void> {
+    const { mesh, maps } = this.store.state;
+    const sent = [mesh.source, ...Object.values(maps).map((map) => map.source)].map(({ asset }) => asset);
+    const unknown = new Set(sent.filter((asset) => asset !== undefined && !this.names[asset]) as string[]);
+    await Promise.all(
+      [...unknown].map(async (asset) => {
+        const found = await api.asset(asset).catch(() => null); // the service forgot it: rendering tells
+        if (found) this.names[asset] = found.name;
+      }),
+    );
+    if (unknown.size) this.host.named();
   }
 
   /** Sends again what a service that was started anew has lost; whether that was all. Else says what to do. */

@@ -46,6 +46,22 @@ export function aimed(light: Movable, centre: Vector3, direction: Vector3): Mova
   return { ...light, position_mm };
 }
 
+/** The same light on an object that is `ratio` times as large: as bright there, seen from the same side. */
+export function resized(light: Light, ratio: number): Light {
+  const grown = (place: Triple) => place.map((one) => one * ratio) as Triple;
+  switch (light.type) {
+    case "point":
+    case "spot":
+      return { ...light, position_mm: grown(light.position_mm), intensity_w_per_sr: light.intensity_w_per_sr.map((one) => one * ratio ** 2) as Triple };
+    case "sphere":
+      return { ...light, position_mm: grown(light.position_mm), radius_mm: light.radius_mm * ratio };
+    case "rectangle":
+      return { ...light, position_mm: grown(light.position_mm), width_mm: grown(light.width_mm), height_mm: grown(light.height_mm) };
+    default:
+      return light;
+  }
+}
+
 /** Distance from the centre [mm]; none for distant lights. */
 export function distanceOf(light: Movable, centre: Vector3): number | null {
   return light.type === "directional" ? null : vector(light.position_mm).distanceTo(centre);

@@ -32,6 +32,12 @@ export async function writeHash(shared: Shared): Promise<string> {
 export async function readHash(hash: string): Promise<Shared | null> {
   if (hash.startsWith("#scene=")) return { scene: JSON.parse(decodeURIComponent(hash.slice(7))) };
   if (!hash.startsWith(PREFIX)) return null;
+  return unpacked(hash).catch(() => {
+    throw new Error("A part of the link is missing or was changed on its way. Copy it again as a whole.");
+  });
+}
+
+async function unpacked(hash: string): Promise<Shared> {
   const text = atob(hash.slice(PREFIX.length).replace(/-/g, "+").replace(/_/g, "/"));
   const bytes = Uint8Array.from(text, (letter) => letter.charCodeAt(0));
   return JSON.parse(new TextDecoder().decode(await through(bytes, new DecompressionStream("deflate-raw"))));

@@ -40,13 +40,14 @@ export function showProblem(error: unknown): void {
   }
 }
 
-/** The field that a pointer names, or one that it is about: by whole segments, the closest. */
+/** The field that a pointer names, or the only one that it is about: by whole segments, the closest. */
 function fieldOf(pointer: string): HTMLElement | undefined {
   const within = (one: string, other: string) => `${one}/`.startsWith(`${other}/`);
   const fields = [...document.querySelectorAll<HTMLElement>("[data-pointer]")].filter((field) => !field.closest("[hidden].control"));
   const above = fields.filter((field) => within(pointer, field.dataset.pointer!));
   above.sort((a, b) => b.dataset.pointer!.length - a.dataset.pointer!.length);
-  return above[0] ?? fields.find((field) => within(field.dataset.pointer!, pointer));
+  const below = fields.filter((field) => within(field.dataset.pointer!, pointer));
+  return above[0] ?? (below.length === 1 ? below[0] : undefined);
 }
 
 function mark(field: HTMLElement, detail: string): void {

@@ -103,7 +103,10 @@ export class InsidePanel {
     this.legend.hidden = false;
     const bar = h("span", { class: `bar ${this.stop.show}` });
     const title = this.stop.of ? `${this.stop.name}, ${this.numberSaid.value}` : this.stop.name;
-    if (this.stop.show === "light") this.legend.replaceChildren(h("strong", null, title), h("p", null, `${plain(low)} to ${plain(high)} ${this.stop.unit}, by exposure and tone map as in the picture`));
+    const layer = this.host.state().layers.filter((one) => !one.muted)[this.number.valueAsNumber - 1];
+    const endless = this.stop.of === "layer" && layer?.thickness_mm === null && !layer.thickness_map;
+    if (endless) this.legend.replaceChildren(h("strong", null, title), h("p", null, "goes on without end, as deep as the object"));
+    else if (this.stop.show === "light") this.legend.replaceChildren(h("strong", null, title), h("p", null, `${plain(low)} to ${plain(high)} ${this.stop.unit}, by exposure and tone map as in the picture`));
     else this.legend.replaceChildren(h("strong", null, title), bar, h("span", { class: "ends" }, h("span", null, plain(low)), h("span", null, this.stop.unit), h("span", null, plain(high))));
   }
 

@@ -83,7 +83,7 @@ export class LayersPanel {
 
   sync(): void {
     const { layers } = this.store.state;
-    const structure = JSON.stringify([layers.map((layer) => [layer.by, layer.muted, layer.thickness_mm === null, layer.thickness_map?.map]), this.open]);
+    const structure = JSON.stringify([layers.map((layer) => [layer.by, layer.muted, layer.thickness_mm === null, layer.thickness_map?.map, layer.thickness_map?.invert]), this.open]);
     if (structure !== this.structure) {
       this.structure = structure;
       this.rebuild();
@@ -108,7 +108,6 @@ export class LayersPanel {
   private card(layer: Layer, index: number): HTMLElement {
     const { layers } = this.store.state;
     const open = index === this.open;
-    const change = (act: (state: State) => void) => () => this.store.edit(act);
     const number = index + 1;
     const chip = h("span", { class: "swatch", "aria-hidden": "true" });
     chip.style.setProperty("--colour", swatch(layer));
@@ -119,14 +118,20 @@ export class LayersPanel {
       h("span", { class: "index" }, String(number)),
       h("span", { class: "title" }, titleOf(layer)),
     );
-    const mute = iconButton(layer.muted ? "hidden" : "eye", layer.muted ? `Show layer ${number}` : `Hide layer ${number}`, change((state) => void (state.layers[index].muted = !layer.muted)));
+    const mute = iconButton(layer.muted ? "hidden" : "eye", layer.muted ? `Show layer ${number}` : `Hide layer ${number}`, () => {
+      this.store.edit((state) => void (state.layers[index].muted = !layer.muted));
+      this.host.announce(`Layer ${number} is ${layer.muted ? "shown" : "hidden"}`);
+    });
     const heard = layers.filter((one) => !one.muted).length;
     mute.disabled = !layer.muted && heard < 2;
     const up = iconButton("up", `Move layer ${number} up`, () => this.move(index, -1));
     up.disabled = index === 0;
     const down = iconButton("down", `Move layer ${number} down`, () => this.move(index, 1));
     down.disabled = index === layers.length - 1;
-    const remove = iconButton("remove", `Remove layer ${number}`, change((state) => this.removeLayer(state, index)));
+    const remove = iconButton("remove", `Remove layer ${number}`, () => {
+      this.store.edit((state) => this.removeLayer(state, index));
+      this.host.announce(`Layer ${number} is removed`);
+    });
     remove.disabled = layers.length < 2;
     const head = h("div", { class: "card-head" }, toggle, mute, up, down, remove);
     const card = h("li", { class: `card${layer.muted ? " muted" : ""}${open ? " open" : ""}` }, head);
@@ -155,7 +160,7 @@ export class LayersPanel {
       body.append(keep(choice(this.store, { label: "Material", choices, pointer: `/material/layers/${heard}/medium`, get: (state) => at(state).preset, set })));
     }
     if (layer.by === "colour") {
-      body.append(keep(colour(this.store, { label: "Colour", get: (state) => at(state).colour, set: (state, value) => void (at(state).colour = value) })));
+      body.append(keep(colour(this.store, { label: "Colour", hint: "Of the matter itself, as if nothing were mirrored where light leaves it; beneath a surface it comes back darker (Inside: Comes back)", get: (state) => at(state).colour, set: (state, value) => void (at(state).colour = value) })));
       const mean = (state: State) => Math.cbrt(at(state).distance_mm.reduce((product, one) => product * one, 1));
       const scale = (state: State, value: number) => {
         const factor = value / mean(state);
@@ -212,9 +217,14 @@ export class LayersPanel {
             },
           }),
         );
-      const invert = h("button", { type: "button", onclick: () => this.store.edit((state) => { const painted = at(state).thickness_map; if (painted) painted.invert = !painted.invert; }) }, map.invert ? "Bright is thin" : "Bright is thick");
+      const set = (state: State, thin: boolean) => {
+        const painted = at(state).thickness_map;
+        if (painted) painted.invert = thin;
+      };
+      const thin = keep(check(this.store, { label: "Bright is thin", hint: "Exchanges what black and white mean", get: (state) => at(state).thickness_map?.invert ?? false, set }));
+      const ends = map.invert ? (["White is", "Black is"] as const) : (["Black is", "White is"] as const);
       const drop = h("button", { type: "button", onclick: () => this.store.edit((state) => void (at(state).thickness_map = null)) }, icon("remove"), "Remove the map");
-      box.append(h("p", { class: "note" }, icon("map"), ` Thickness painted in “${map.map}”`), range(0, "Black is"), range(1, "White is"), h("div", { class: "buttons" }, invert, drop));
+      box.append(h("p", { class: "note" }, icon("map"), ` Thickness painted in “${map.map}”`), range(0, ends[0]), range(1, ends[1]), thin, h("div", { class: "buttons" }, drop));
       return box;
     }
     if (layer.thickness_mm !== null || !last) {

@@ -3,6 +3,7 @@
 import { choice, type Control, section, slider } from "../controls";
 import { h, icon, plain } from "../dom";
 import { api } from "../api";
+import { resized } from "../lights";
 import type { State } from "../state";
 import type { Store } from "../store";
 import { showProblem } from "../toast";
@@ -32,8 +33,13 @@ export class ObjectPanel {
     private readonly host: ObjectHost,
   ) {
     const unit = (state: State) => state.mesh.unit_mm ?? this.host.showing()?.mesh.unit_mm ?? 1;
+    const resize = (state: State, value: number) => {
+      const ratio = value / unit(state);
+      state.mesh.unit_mm = value;
+      state.lights = state.lights.map((light) => resized(light, ratio)); // or they would stand within it, or far away
+    };
     this.controls = [
-      slider(store, { label: "One unit of the file is", hint: "Scattering happens over millimetres: a head modelled in metres needs 1000", unit: "mm", min: 0.01, max: 1000, log: true, limits: [1e-6, 1e6], pointer: "/mesh/unit_mm", get: unit, set: (state, value) => void (state.mesh.unit_mm = value) }),
+      slider(store, { label: "One unit of the file is", hint: "Scattering happens over millimetres: a head modelled in metres needs 1000", unit: "mm", min: 0.01, max: 1000, log: true, limits: [1e-6, 1e6], pointer: "/mesh/unit_mm", get: unit, set: resize }),
       choice(store, {
         label: "Upwards is",
         choices: ["y", "z", "x", "-y", "-z", "-x"].map((axis): [string, string] => [axis, `${axis} in the file`]),

@@ -95,10 +95,13 @@ export class ProfilePanel {
   /** What is wrong with the scale, in sentences. */
   private warn(profile: Profile, texel: number | null): string[] {
     const said: string[] = [];
-    const half = Math.max(...profile.radius_mm["0.5"]);
     const most = Math.max(...profile.radius_mm["0.99"]);
-    if (texel && half < texel)
-      said.push(`Half of the light stays within ${plain(half / texel)} texels: the picture can hardly show it. A larger light map, or a smaller object, would.`);
+    const narrow = CHANNELS.filter((_, k) => texel && profile.radius_mm["0.5"][k] < texel);
+    if (texel && narrow.length) {
+      const half = Math.min(...profile.radius_mm["0.5"]);
+      const which = narrow.length < CHANNELS.length ? ` of the ${narrow.join(" and ")} light` : " of the light";
+      said.push(`Half${which} stays within ${plain(Number((half / texel).toPrecision(2)))} texels: the picture can hardly show how it spreads. A larger light map, or a smaller object, would.`);
+    }
     const box = this.showing?.mesh.box_mm;
     if (box) {
       const size = Math.max(...[0, 1, 2].map((k) => box[1][k] - box[0][k]));

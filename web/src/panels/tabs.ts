@@ -6,6 +6,7 @@ export class Tabs {
   readonly list = h("div", { class: "tabs", role: "tablist", "aria-label": "Settings" });
   readonly panels = h("div", { class: "tab-panels" });
   private readonly tabs: HTMLButtonElement[] = [];
+  private readonly scrolled: Record<string, number> = {}; // how far each was, when it was left
   chosen = "";
 
   constructor(private readonly heard: (name: string) => void) {
@@ -32,6 +33,7 @@ export class Tabs {
 
   choose(name: string): void {
     const changed = this.chosen !== name;
+    if (changed) this.scrolled[this.chosen] = this.panels.scrollTop;
     this.chosen = name;
     this.tabs.forEach((tab, i) => {
       const on = tab.dataset.name === name;
@@ -39,6 +41,8 @@ export class Tabs {
       tab.tabIndex = on ? 0 : -1;
       (this.panels.children[i] as HTMLElement).hidden = !on;
     });
-    if (changed) this.heard(name);
+    if (!changed) return;
+    this.panels.scrollTop = this.scrolled[name] ?? 0;
+    this.heard(name);
   }
 }
