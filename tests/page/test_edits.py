@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from paging import METHODS, drop, pixels, pose, settle, state
+from paging import METHODS, drop, pixels, pose, settle, state, until
 from PIL import Image
 from serving import OBJ, torus_obj
 
@@ -72,9 +72,8 @@ def test_the_address_holds_everything(visit):
     page.get_by_role("tab", name="Light").click()
     settle(page, lambda: page.get_by_role("button", name="From the side").click())
     page.locator("#view").press("ArrowLeft")
-    page.evaluate("texsss.address.write()")
-    link, was, stood, picture = page.url, state(page), pose(page), shown(page)
-    other = visit(path=link[link.index("/#") :])
+    was, stood, picture = state(page), pose(page), shown(page)
+    other = again(page, visit)
     other.wait_for_timeout(300)
     assert state(other) == was
     np.testing.assert_allclose(pose(other)["position_mm"], stood["position_mm"], rtol=1e-6)
@@ -100,8 +99,12 @@ def test_compare_by_keyboard(visit):
     assert np.abs(shown(page) - whole).mean() > 3
 
 
-def test_a_pinned_setting_stays_while_the_rest_changes(visit):
+def test_a_pinned_setting_stays_while_the_rest_changes(visit, tmp_path):
+    """With its colour map and its glass; a link keeps it, and how all of it is looked at."""
     page = visit()
+    ramp = np.stack([np.tile(np.linspace(60, 250, 16), (16, 1))] * 2 + [np.full((16, 16), 90)], 2)
+    Image.fromarray(ramp.astype(np.uint8)).save(tmp_path / "ramp.png")
+    settle(page, lambda: drop(page, tmp_path / "ramp.png"))
     page.locator("#view").press("c")
     page.get_by_label("A is").select_option("pinned")
     page.get_by_label("Where A ends and B begins").fill("100")
@@ -109,7 +112,27 @@ def test_a_pinned_setting_stays_while_the_rest_changes(visit):
     pinned = shown(page)
     settle(page, lambda: page.get_by_role("button", name="Jade").click())
     page.wait_for_timeout(300)
-    assert np.abs(shown(page) - pinned).mean() < 0.5
+    assert "albedo" not in state(page)["surface"] and np.abs(shown(page) - pinned).mean() < 0.5
+
+    other = again(page, visit)
+    until(other, "texsss.compare.liveA.settles > 0 && texsss.viewer.looks.A.maps.albedo")
+    until(other, "texsss.viewer.looks.A.eta !== texsss.viewer.looks.B.eta")
+    assert np.abs(shown(other) - pinned).max() <= 2
+    other.get_by_role("button", name="Difference").click()
+    other.get_by_role("tab", name="Inside").click()
+    other.get_by_role("button", name="Lay flat").click()
+    other.get_by_role("button", name="Show seams").click()
+    until(other, "texsss.viewer.surface.difference")
+    picture = shown(other)
+    third = again(other, visit)
+    until(third, "texsss.viewer.surface.difference && texsss.viewer.looks.A.maps.albedo")
+    assert np.abs(shown(third) - picture).max() <= 2
+
+
+def again(page, visit):
+    """Another visit by the link of one."""
+    page.evaluate("texsss.address.write()")
+    return visit(path=page.url[page.url.index("/#") :])
 
 
 def test_a_mesh_of_ones_own(visit, tmp_path):

@@ -33,7 +33,7 @@ export class Address {
   async write(): Promise<void> {
     const { host } = this;
     if (!host.placed()) return;
-    const view = { inside: host.inside.key, number: host.inside.chosenNumber, compare: host.compare.shared, light: host.aim.active };
+    const view = { inside: host.inside.key, number: host.inside.chosenNumber, compare: host.compare.shared, light: host.aim.active, ...host.inside.laid };
     history.replaceState(null, "", await writeHash({ state: host.state(), pose: host.pose(), view }));
   }
 
@@ -42,6 +42,7 @@ export class Address {
     if (!view) return;
     this.host.aim.active = view.light ?? 0;
     if (view.inside && view.inside !== "picture") this.host.inside.choose(view.inside, view.number ?? 1);
+    this.host.inside.lay(view);
     if (view.compare) this.host.compare.restore(view.compare);
   }
 }

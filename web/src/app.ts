@@ -116,10 +116,7 @@ export class App {
         requestAnimationFrame(() => requestAnimationFrame(furnished));
         if (final) this.inside.values(final);
       },
-      map: async (kind, coded, srgb) => {
-        await viewer.setMap(kind, coded, srgb);
-        this.compare.sync(store.editing);
-      },
+      map: (kind, coded, srgb) => viewer.setMap("B", kind, coded, srgb),
       settled: () => {
         clearProblems();
         this.profiles.want();
@@ -167,6 +164,7 @@ export class App {
         this.handle.place();
         this.marching.moved();
       },
+      changed: () => this.address.remember(),
     });
     this.compare = new Compare({
       viewer,

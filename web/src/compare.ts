@@ -2,8 +2,8 @@
 
 import { api, NPY } from "./api";
 import { h, iconButton, plain } from "./dom";
-import { Live } from "./live";
-import { bakedPart, mapPart, shownMaps } from "./parts";
+import { Live, placeOf } from "./live";
+import { bakedPart } from "./parts";
 import { type State, toScene } from "./state";
 import type { Light, Showing } from "./types";
 import { dressLook } from "./view/look";
@@ -18,10 +18,6 @@ interface Other {
 }
 
 const method = (change: Partial<State["methods"]>) => (state: State): State => ({ ...state, methods: { ...state.methods, ...change } });
-
-/** The maps that the page's own shader shows of a state. */
-const mapsOf = (state: State): string =>
-  JSON.stringify(Object.entries(shownMaps({ material: { layers: [], surface: state.surface }, methods: state.methods })).map(([kind, name]) => [kind, name === undefined ? null : mapPart(state, name).maps[name]]));
 
 const OTHERS: Other[] = [
   { key: "none", name: "Light that does not spread", short: "No scattering", make: method({ diffusion: "none" }) },
@@ -55,7 +51,8 @@ export class Compare {
   private readonly legend = h("div", { class: "legend", hidden: true });
   private readonly liveA: Live;
   private pinned: State | null = null;
-  private placed: Showing | null = null; // where lights stood when it was pinned
+  private placed: Showing | null = null; // where its lights stand
+  private placing = false;
   private coverage: { key: string; image: HalfImage } | null = null;
   private difference = false;
   on = false;
@@ -63,6 +60,12 @@ export class Compare {
   constructor(private readonly host: CompareHost) {
     this.liveA = new Live({
       light: (texture) => host.viewer.setLight("A", texture),
+      map: (kind, coded, srgb) => host.viewer.setMap("A", kind, coded, srgb),
+      lent: async (kind, key) => {
+        const same = await host.live.wears(kind, key);
+        if (same) host.viewer.shareMap(kind);
+        return same;
+      },
       settled: () => void this.measure(),
       problem: async (error) => (await host.problem(error)) && this.liveA.again(),
     });
@@ -118,8 +121,6 @@ export class Compare {
     this.select.value = key;
     if (key === "pinned" && !(keep && this.pinned)) {
       this.pinned = structuredClone(this.host.state());
-      this.placed = this.host.showing();
-      this.host.viewer.shareMaps();
       this.host.announce("Pinned as A. Change anything: B is how it is now.");
     }
     this.labels.A.textContent = `A · ${this.other.short}`;
@@ -140,14 +141,32 @@ export class Compare {
     // on another mesh or light map a pinned setting has nowhere to lie
     const now = this.host.state();
     const a = { ...state, mesh: now.mesh, atlas: now.atlas };
-    const showing = (this.other.key === "pinned" && this.placed) || this.host.showing();
+    const showing = this.showingOf(a, now);
     dressLook(viewer.looks.A, a, showing, this.host.lights(a, showing));
-    if (this.other.key !== "pinned" || mapsOf(a) === mapsOf(now)) viewer.shareMaps();
     this.modeButton.disabled = this.host.live.image !== "diffused"; // else its colours are those of data
     if (this.modeButton.disabled && this.difference) this.setDifference(false);
     if (this.liveA.image !== this.host.live.image) this.liveA.look(this.host.live.image);
     this.liveA.want(a, moving);
     viewer.redraw();
+  }
+
+  /** What the service says of A's surface and lights; that of B, until it has come. */
+  private showingOf(a: State, now: State): Showing | null {
+    const scene = bakedPart(toScene(a));
+    const place = placeOf(scene);
+    const theirs = this.host.showing();
+    if (theirs?.place === place) this.placed = theirs;
+    if (this.placed?.place === place) return this.placed;
+    if (place !== placeOf(bakedPart(toScene(now))) && !this.placing) {
+      this.placing = true;
+      const heard = (showing: Showing) => {
+        this.placed = { ...showing, asked: scene.lights, place };
+        this.placing = false;
+        this.sync(); // by now it may be of the past
+      };
+      api.showing(scene).then(heard, () => (this.placing = false)); // the light's own request tells why
+    }
+    return theirs;
   }
 
   private place(): void {
@@ -165,6 +184,7 @@ export class Compare {
     if (!on) this.host.viewer.setDifference(false);
     this.legend.hidden = true;
     void this.measure();
+    this.host.changed();
   }
 
   /** Root of the mean square difference of the light on the surface, relative to its mean. */

@@ -29,6 +29,8 @@ export interface LiveEvents {
   ground?(showing: Showing, geometry: BufferGeometry | null): void;
   light(texture: Texture, final: HalfImage | null): void;
   map?(kind: MapName, coded: Blob | null, srgb: boolean): Promise<void>;
+  /** Whether a map is shown without being asked for, as another side wears the same. */
+  lent?(kind: MapName, key: string): Promise<boolean>;
   settled?(): void;
   problem(error: unknown): void;
   online?(yes: boolean): void;
@@ -48,7 +50,8 @@ export class Live {
   private onScreen = ""; // the mesh and the layout that are shown
   private placing: Promise<void> = Promise.resolve(); // while lights and indices are on their way
   private grounds = new Set<string>(); // meshes and sizes that are known to be quick
-  private maps: Record<string, string> = {};
+  private maps: Partial<Record<MapName, string>> = {};
+  private readonly worn: Partial<Record<MapName, Promise<void>>> = {}; // until each of them is shown
   private dressing: Promise<unknown> = Promise.resolve(); // while maps are on their way
   private readonly client = clientName();
   private bound = 0; // greatest value of the light on screen
@@ -58,8 +61,7 @@ export class Live {
   /** How often the light on screen was all that was wanted. */
   settles = 0;
   showing: Showing | null = null;
-  /** The light on screen in full, once it has settled. */
-  values: HalfImage | null = null;
+  private full: { key: string; image: HalfImage } | null = null; // the last light that came in full
 
   constructor(private readonly events: LiveEvents) {}
 
@@ -108,6 +110,17 @@ export class Live {
     this.events.badge?.({ state: "stopped", texels: 0, ms: 0 });
   }
 
+  /** All of the light that is wanted; null until it has come. */
+  get values(): HalfImage | null {
+    return this.wanted && this.full?.key === this.key(this.wanted) ? this.full.image : null;
+  }
+
+  /** Whether a map is the one shown as `kind`, once what was asked for has come. */
+  async wears(kind: MapName, key: string): Promise<boolean> {
+    await this.worn[kind]?.catch(() => undefined);
+    return (this.maps[kind] ?? "") === key;
+  }
+
   private key(scene: object): string {
     return `${this.image} ${JSON.stringify(scene)}`;
   }
@@ -124,6 +137,7 @@ export class Live {
         if (this.shown !== key && scene.atlas.size > DRAFT) {
           await this.draw(scene, true);
           this.shown = key;
+          this.settledOn = "";
           continue; // what changed meanwhile is more urgent than the whole
         }
         const rest = this.changedAt + REST_MS - performance.now();
@@ -176,7 +190,7 @@ export class Live {
     if (heavy || ground !== this.onScreen) {
       progress?.("surface", 0);
       const buffer = await api.geometry(groundPart(scene), { signal: abort.signal, progress });
-      const showing = (this.showing = { ...(await api.showing(scene, { signal: abort.signal })), asked: scene.lights });
+      const showing = (this.showing = { ...(await api.showing(scene, { signal: abort.signal })), asked: scene.lights, place });
       const other = showing.geometry !== this.geometryKey;
       if (other) this.bound = 0;
       this.geometryKey = showing.geometry;
@@ -186,7 +200,7 @@ export class Live {
       // lights and indices alone: the picture need not wait for them
       this.placing = api.showing(scene).then(
         (showing) => {
-          if (this.place === place) heard((this.showing = { ...showing, asked: scene.lights }), null);
+          if (this.place === place) heard((this.showing = { ...showing, asked: scene.lights, place }), null);
         },
         (error) => {
           if (this.place !== place) return;
@@ -225,7 +239,7 @@ export class Live {
       const image = parseNpy(await response.arrayBuffer());
       this.bound = Math.max(rangeOf(image).high, 1e-6);
       this.power = powerOfAll(scene.lights);
-      if (!draft) this.values = image;
+      if (!draft) this.full = { key: this.key(scene), image };
       if (this.settles === 0) await Promise.race([this.dressing, sleep(PATIENCE_MS)]); // not grey first, then coloured
       this.events.light(fromHalf(image), draft ? null : image);
     }
@@ -247,7 +261,8 @@ export class Live {
       const key = spec ? JSON.stringify(spec) : "";
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
-      asked.push(this.showMap(kind, spec && name !== undefined ? () => api.map(mapPart(scene, name), name) : null, (spec?.space ?? "linear") === "srgb", show));
+      const worn = (this.worn[kind] = this.showMap(kind, spec && name !== undefined ? () => api.map(mapPart(scene, name), name) : null, (spec?.space ?? "linear") === "srgb", show));
+      asked.push(worn);
     }
     if (!asked.length) return;
     this.dressing = Promise.all(asked);
@@ -257,6 +272,7 @@ export class Live {
   private async showMap(kind: MapName, ask: (() => Promise<Blob>) | null, srgb: boolean, show: NonNullable<LiveEvents["map"]>): Promise<void> {
     const key = this.maps[kind];
     try {
+      if (key !== undefined && (await this.events.lent?.(kind, key))) return;
       const coded = ask && (await ask());
       if (this.maps[kind] === key) await show(kind, coded, srgb);
     } catch (error) {
@@ -270,7 +286,7 @@ export class Live {
 const powerOfAll = (lights: Scene["lights"]): number => lights.reduce((sum, light) => sum + Math.max(...powerOf(light)), 0);
 
 /** What the answer of /v1/showing depends on. */
-function placeOf(scene: Baked): string {
+export function placeOf(scene: Baked): string {
   const { lights, methods, material, media } = scene;
   const first = material.layers[0].medium;
   const eta = typeof first === "string" ? (media[first]?.eta ?? media[first]?.preset ?? first) : first;

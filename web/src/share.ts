@@ -9,7 +9,7 @@ import type { Pose } from "./view/orbit";
 export interface Shared {
   state?: State;
   pose?: Pose;
-  view?: { inside?: string; number?: number; compare?: Compare["shared"]; light?: number };
+  view?: { inside?: string; number?: number; flat?: boolean; seams?: boolean; compare?: Compare["shared"]; light?: number };
   /** A scene, or a part of one, as text in the address. */
   scene?: Partial<Scene>;
 }

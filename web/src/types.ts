@@ -127,6 +127,8 @@ export interface Showing {
   lights: Light[];
   /** What `lights` is the answer to; the page's own note. */
   asked?: Light[];
+  /** What all of this depends on; the page's own note, too. */
+  place?: string;
   background: Triple | [Triple, Triple];
   eta: number;
   transmittance: number;

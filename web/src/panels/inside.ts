@@ -43,6 +43,7 @@ export interface InsideHost {
   single(on: boolean): void;
   reducedMotion(): boolean;
   moved(): void;
+  changed(): void;
 }
 
 export class InsidePanel {
@@ -66,7 +67,7 @@ export class InsidePanel {
     this.number.addEventListener("input", () => this.ask());
     this.numberLabel = h("label", { for: "inside-number" });
     this.numberRow = h("div", { class: "control slider" }, h("div", { class: "head" }, this.numberLabel, this.numberSaid), this.number);
-    this.flat = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.unfold() }, icon("unfold"), "Lay flat");
+    this.flat = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.unfold(this.flat.getAttribute("aria-pressed") !== "true", this.host.reducedMotion()) }, icon("unfold"), "Lay flat");
     this.seams = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.showSeams(this.seams.getAttribute("aria-pressed") !== "true") }, "Show seams");
     this.element = section(
       "Look inside",
@@ -134,16 +135,28 @@ export class InsidePanel {
     this.host.look(stop.image.replace("N", this.number.value));
   }
 
-  showSeams(on: boolean): void {
-    this.seams.setAttribute("aria-pressed", String(on));
-    this.host.viewer.showSeams(on);
+  /** How the surface lies, as a link keeps it. */
+  get laid(): { flat: boolean; seams: boolean } {
+    const on = (button: HTMLButtonElement) => button.getAttribute("aria-pressed") === "true";
+    return { flat: on(this.flat), seams: on(this.seams) };
   }
 
-  private unfold(): void {
-    const on = this.flat.getAttribute("aria-pressed") !== "true";
+  lay({ flat = false, seams = false }: { flat?: boolean; seams?: boolean }): void {
+    if (flat) this.unfold(true, true);
+    if (seams) this.showSeams(true);
+  }
+
+  private showSeams(on: boolean): void {
+    this.seams.setAttribute("aria-pressed", String(on));
+    this.host.viewer.showSeams(on);
+    this.host.changed();
+  }
+
+  private unfold(on: boolean, atOnce: boolean): void {
     this.flat.setAttribute("aria-pressed", String(on));
+    this.host.changed();
     const { viewer } = this.host;
-    if (this.host.reducedMotion()) {
+    if (atOnce) {
       viewer.setUnfold(on ? 1 : 0);
       this.host.moved();
       return;

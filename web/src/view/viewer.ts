@@ -33,7 +33,7 @@ export class Viewer {
   private readonly backdrop = new Backdrop(this.tone);
   private readonly cuts = new Cuts(this.surface.sheet);
   private readonly pace: Pace;
-  private readonly calls: Partial<Record<MapName, number>> = {};
+  private readonly calls: Partial<Record<`${"A" | "B"} ${MapName}`, number>> = {};
   private splitAt: number | null = null;
   private share = 0; // of the pixels along an edge, in the buffers as they are
 
@@ -188,21 +188,31 @@ export class Viewer {
   }
 
   /** A coded image, or none, as a map of the surface; of two calls the later counts. */
-  async setMap(name: MapName, coded: Blob | null, srgb: boolean): Promise<void> {
-    const { A, B } = this.looks;
-    const call = (this.calls[name] = (this.calls[name] ?? 0) + 1);
+  async setMap(side: "A" | "B", name: MapName, coded: Blob | null, srgb: boolean): Promise<void> {
+    const call = this.count(side, name);
     const texture = coded && (await mapOf(coded, srgb, this.pace.slow));
-    if (call !== this.calls[name]) return;
-    if (B.maps[name] && A.maps[name] !== B.maps[name]) B.maps[name].dispose();
-    B.maps[name] = texture;
-    this.redraw();
+    if (call === this.calls[`${side} ${name}`]) this.wear(side, name, texture);
+    else texture?.dispose();
   }
 
-  /** A wears the maps of B. */
-  shareMaps(): void {
+  /** A wears a map of B. */
+  shareMap(name: MapName): void {
+    this.count("A", name);
+    this.wear("A", name, this.looks.B.maps[name]);
+  }
+
+  private count(side: "A" | "B", name: MapName): number {
+    const call = `${side} ${name}` as const;
+    return (this.calls[call] = (this.calls[call] ?? 0) + 1);
+  }
+
+  private wear(side: "A" | "B", name: MapName, texture: Texture | null): void {
+    const maps = this.looks[side].maps;
+    const before = maps[name];
+    maps[name] = texture;
     const { A, B } = this.looks;
-    for (const [name, map] of Object.entries(A.maps) as [MapName, Texture | null][]) if (map !== B.maps[name]) map?.dispose();
-    A.maps = { ...B.maps };
+    if (before && before !== A.maps[name] && before !== B.maps[name]) before.dispose();
+    this.redraw();
   }
 
   setOutput(exposure_ev: number, tonemap: Tonemap): void {
