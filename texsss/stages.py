@@ -18,7 +18,7 @@ STAGE_VERSIONS = {
     "albedo": 1,
     "sites": 1,
     "light": 4,
-    "operators": 7,
+    "operators": 8,
     "doubts": 1,
     "bank": 1,
     "thickness": 1,

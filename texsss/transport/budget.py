@@ -11,7 +11,7 @@ from texsss.transport.smoothing import REACH
 from texsss.types import Bool, Float, Tensor
 
 # bytes, measured on heads in the author's and our own atlas of 512² to 4096² texels
-KERNEL_ENTRY = 2.8  # of a kernel, all in all, as long as texels are even
+KERNEL_ENTRY = 2.0  # of a kernel, all in all, as long as texels are even
 KERNEL_TEXEL = 20
 PAIR = 8  # a place and a distance, while a kernel is made
 CROWDED = 1.3  # texels are that much denser than typical ones where pairs are counted

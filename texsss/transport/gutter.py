@@ -73,10 +73,13 @@ def from_gutter(means: Sparse, grads: Sequence[Float[Tensor, "P C"]]) -> list[Fl
     found = products(means.value, *grads) if grads else None
     if found is None:
         return [grad[:covered] + means.transpose.times(grad[covered:]) for grad in grads]
-    grads, channels = [grad.contiguous() for grad in grads], grads[0].shape[1]
-    made = list(room(grads[0], len(grads), covered, channels))
+    (first, *_), channels = grads, grads[0].shape[1]
+    if any(grad.stride() != first.stride() for grad in grads):
+        grads = [grad.contiguous() for grad in grads]
+    steps = grads[0].stride()
+    made = list(room(first, len(grads), covered, channels))
     args = means.rows, means.start, means.column, means.value, covered
-    call(found.gutter_back, *args, addresses(grads), addresses(made), len(grads), channels)
+    call(found.gutter_back, *args, addresses(grads), *steps, addresses(made), len(grads), channels)
     return made
 
 

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import torch
-
 from texsss.numerics.memory import room
 from texsss.transport.bricks import Blur
 from texsss.transport.loops import Scratch
@@ -52,22 +50,24 @@ def over(
 
 
 def over_transposed(
-    levels: tuple[Level, ...], parts: Sequence[Float[Tensor, "P C"]], scale: Float[Tensor, "W P"]
-) -> Float[Tensor, "P C"]:
-    """The transpose of `over` but for `x`'s factor: the sum of what Gaussians make of their own parts."""
+    levels: tuple[Level, ...],
+    parts: Sequence[Float[Tensor, "P C"]],
+    scale: Float[Tensor, "W P"],
+    out: Float[Tensor, "P C"],
+    last: Float[Tensor, " P"],
+) -> None:
+    """Put the transpose of `over`: the sum of what Gaussians make of parts, times `last`, into `out`."""
     channels, held, factor, scratch = parts[0].shape[1], [], scale, Scratch(parts[0])
     for level in levels:
         x = level.ways.down(parts, factor)
-        factor = None
-        own = len(level.blurs)
-        columns = x.split(channels, 1)[:own]
-        sums = [b.times(part, None, scratch) for part, b in zip(columns, level.blurs, strict=True)]
-        held.append(torch.stack(sums).sum(0) if len(sums) > 1 else sums[0] if sums else None)
+        factor, own = None, len(level.blurs)
+        made: Tensor | None = None
+        for part, around in zip(x.split(channels, 1), level.blurs, strict=False):
+            made = around.times(part, made, scratch, added=made is not None)
+        held.append(made)
         parts = [x[:, channels * own :]]
-    back: Tensor | None = None
-    for level, own in reversed(list(zip(levels, held, strict=True))):
-        together = own if back is None else back if own is None else own + back
-        assert together is not None, "the last level has Gaussians"
-        back = level.ways.up(together)
-    assert back is not None, "there are levels"
-    return back
+    together = held[-1]
+    for level, own in reversed(list(zip(levels[1:], held))):
+        made = level.ways.up(together)
+        together = made if own is None else own.add_(made)
+    levels[0].ways.up(together, [out], last[None])

@@ -20,7 +20,7 @@ from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
 from texsss.transport.gutter import fill_gutter, from_gutter, gutter_means
-from texsss.transport.kernels import Kernel
+from texsss.transport.kernels import Kernel, Planes
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
 from texsss.transport.smoothing import smoothing
@@ -112,8 +112,9 @@ class _Applied(torch.autograd.Function):
 
         if 0 in place:
             copies[place[0]] = values
+        planes = Planes()
         for number, step in enumerate(operators.steps, 1):
-            step.times(lightmap, own(number))
+            step.times(lightmap, own(number), planes)
         first = 1 + len(operators.steps)
         if operators.levels:
             wide = [own(number) for number in range(first, 1 + operators.count)]
@@ -128,24 +129,26 @@ class _Applied(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
         operators: Operators = ctx.operators
         (grad,) = grads
-        covered, channels = len(operators.area), grad.shape[2]
-        result = torch.zeros_like(grad[0])
+        covered, area = len(operators.area), operators.area
+        result = room(grad, *grad.shape[1:])
+        own = result[:covered]
         sent: list[Tensor | None] = [None] * (1 + operators.count)
         asked = [(k, number) for k, number in enumerate(operators.result) if number]
         for (_, number), part in zip(asked, from_gutter(operators.gutter, [grad[k] for k, _ in asked])):
             sent[number] = _sum(sent[number], part)
+        first = 1 + len(operators.steps)
+        result[covered:] = 0
+        if operators.levels:
+            wide = [own.new_zeros(own.shape) if part is None else part for part in sent[first:]]
+            over_transposed(operators.levels, wide, operators.share, own, area)
+        else:
+            own.zero_()
+        for number, step in enumerate(operators.steps, 1):
+            if (part := sent[number]) is not None:
+                step.back(part, own)
         for k, number in enumerate(operators.result):
             if not number:
                 result += grad[k]
-        first = 1 + len(operators.steps)
-        for number, step in enumerate(operators.steps, 1):
-            if (own := sent[number]) is not None:
-                result[:covered] += step.back(own)
-        if operators.levels:
-            empty = grad.new_zeros(covered, channels)
-            wide = [empty if own is None else own for own in sent[first:]]
-            back = over_transposed(operators.levels, wide, operators.share)
-            result[:covered] += back * operators.area[:, None].to(back)
         return result, None
 
 

@@ -2,6 +2,7 @@
 // neighbours.py and smoothing.py, where the formulas stand, without arrays in between.
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <vector>
@@ -27,12 +28,12 @@ static inline float decay(float x) {
   return p * scale;
 }
 
-constexpr int STRIP = 16, ALIKE = 3;  // as in kernels.py
+constexpr int STRIP = 16;  // as in kernels.py
 
 // The distances between the points of some pairs, each once, in the order they were met
 struct Distances {
   struct Entry {
-    int32_t distance, times, place;
+    int32_t distance, place;  // -1: not met
   };
   std::vector<Entry> table;
   std::vector<int32_t> used;
@@ -40,17 +41,18 @@ struct Distances {
     size_t size = 64;
     while (size < size_t(2 * most)) size *= 2;
     if (table.size() < size)
-      table.assign(size, {0, 0, -1});
+      table.assign(size, {0, -1});
     else
-      for (int32_t slot : used) table[slot].times = 0;
+      for (int32_t slot : used) table[slot].place = -1;
     used.clear();
   }
-  Entry& at(int32_t distance) {
+  // How many were met before this one
+  int32_t place(int32_t distance) {
     const size_t mask = table.size() - 1;
     size_t slot = (uint32_t(distance) * 2654435761u >> 7) & mask;
-    while (table[slot].times && table[slot].distance != distance) slot = (slot + 1) & mask;
-    if (!table[slot].times) table[slot].distance = distance, used.push_back(int32_t(slot));
-    return table[slot];
+    while (table[slot].place >= 0 && table[slot].distance != distance) slot = (slot + 1) & mask;
+    if (table[slot].place < 0) table[slot] = {distance, int32_t(used.size())}, used.push_back(int32_t(slot));
+    return table[slot].place;
   }
 };
 
@@ -133,72 +135,30 @@ void moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int
   });
 }
 
-// Weights of 0 to `whole` of those pairs. Of a strip of rows, distances between points that ALIKE rows or more
-// share, below `near`, are diagonals; other entries are single. Fills the two counts, or, where they are null,
-// entries from the two starts on (their weights 0 so far) and the `total` of weight × area.
+// Weights of 0 to `whole` of those pairs. Fills the count of diagonals of every strip of rows: distances between
+// points; or, where that is null, entries from `start` on (their weights 0 so far) and the `total` of weight × area.
 void entries(int64_t rows, const int32_t* from, const int32_t* point, const float* squared, const float* widest,
-             float reach, const float* sharpness, const float* area, float whole, int64_t near, int32_t* diagonals,
-             int32_t* singles, const int32_t* start, int32_t* distance, int16_t* weight, const int32_t* single,
-             int16_t* lane, int32_t* column, int16_t* single_weight, float* total, int64_t threads) {
+             float reach, const float* sharpness, const float* area, float whole, int32_t* diagonals,
+             const int32_t* start, int32_t* distance, uint8_t* weight, float* total, int64_t threads) {
   const int64_t strips = (rows + STRIP - 1) / STRIP;
   parallel(strips, threads, [=](int64_t first, int64_t last) {
     Distances seen;
     for (int64_t s = first; s < last; s++) {
       const int64_t top = s * STRIP, end = std::min(rows, top + STRIP);
-      auto each = [&](auto work) {
-        for (int64_t i = top; i < end; i++)
-          for (int64_t k = from[i]; k < from[i + 1]; k++)
-            if ((widest[i] + widest[point[k]]) * squared[k] < reach) work(i, point[k], squared[k]);
-      };
       seen.clear(from[end] - from[top]);
-      int32_t far = 0;
-      each([&](int64_t i, int64_t j, float) {
-        if (std::abs(j - i) < near)
-          seen.at(int32_t(j - i)).times++;
-        else
-          far++;
-      });
-      if (diagonals) {
-        int32_t alike = 0;
-        for (int32_t slot : seen.used) {
-          const int32_t times = seen.table[slot].times;
-          alike += times >= ALIKE, far += times < ALIKE ? times : 0;
+      if (!diagonals) std::fill(total + top, total + end, 0.0f);
+      for (int64_t i = top; i < end; i++)
+        for (int64_t k = from[i]; k < from[i + 1]; k++) {
+          const int64_t j = point[k];
+          if ((widest[i] + widest[j]) * squared[k] >= reach) continue;
+          const int32_t place = seen.place(int32_t(j - i));
+          if (diagonals) continue;
+          const float w = std::floor(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * squared[k]) + 0.5f);
+          total[i] += w * area[j];
+          distance[start[s] + place] = int32_t(j - i);
+          weight[int64_t(start[s] + place) * STRIP + i - top] = uint8_t(w);
         }
-        diagonals[s] = alike, singles[s] = far;
-        continue;
-      }
-      int32_t p = start[s], q = single[s];
-      for (int32_t slot : seen.used) {
-        auto& entry = seen.table[slot];
-        entry.place = entry.times < ALIKE ? -1 : p++;
-        if (entry.place >= 0) distance[entry.place] = entry.distance;
-      }
-      std::fill(total + top, total + end, 0.0f);
-      each([&](int64_t i, int64_t j, float d) {
-        const int32_t place = std::abs(j - i) < near ? seen.at(int32_t(j - i)).place : -1;
-        const int16_t w = int16_t(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * d) + 0.5f);
-        total[i] += float(w) * area[j];
-        if (place < 0)
-          lane[q] = int16_t(i - top), column[q] = int32_t(j), single_weight[q++] = w;
-        else
-          weight[int64_t(place) * STRIP + i - top] = w;
-      });
-    }
-  });
-}
-
-// Runs of `source`, ascending, within `reach` along the last axis of each target's key: where they begin, and a
-// bit for every one that is there
-void runs(int64_t sources, const int64_t* source, int64_t targets, const int64_t* target, int64_t reach,
-          int32_t* first_of, int32_t* mask, int64_t threads) {
-  parallel(targets, threads, [=](int64_t first, int64_t last) {
-    for (int64_t i = first; i < last; i++) {
-      const int64_t low = target[i] - reach, high = target[i] + reach;
-      const int64_t* at = std::lower_bound(source, source + sources, low);
-      first_of[i] = int32_t(at - source);
-      uint32_t bits = 0;
-      for (; at < source + sources && *at <= high; at++) bits |= 1u << (*at - low);
-      mask[i] = int32_t(bits);
+      if (diagonals) diagonals[s] = int32_t(seen.used.size());
     }
   });
 }

@@ -13,34 +13,71 @@ static inline void corner_weights(const float* beyond, float w[8]) {
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
 typedef float Strip __attribute__((vector_size(4 * STRIP)));
-typedef int16_t Whole __attribute__((vector_size(2 * STRIP)));
+
+static inline Strip numbers(const uint8_t* whole) {
+#if MASKED
+  return (Strip)_mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)whole)));
+#else
+  Strip made;
+  for (int k = 0; k < STRIP; k++) made[k] = float(whole[k]);
+  return made;
+#endif
+}
+
+// Rows of a strip, times `after`; added to what is there, or not
+template <int C>
+static inline void put_strip(const Strip sum[C], const float* after, int64_t rows, int64_t count, bool added,
+                             float* y) {
+  float own[C][STRIP];
+  std::memcpy(own, sum, sizeof own);
+  for (int64_t r = 0; r < rows; r++)
+    for (int c = 0; c < C; c++) y[r * count + c] = after[r] * own[c][r] + (added ? y[r * count + c] : 0.0f);
+}
+
+#if MASKED
+// Three planes of sixteen numbers, in threes
+static inline void put_colours(const Strip sum[3], const float* after, bool added, float* y) {
+  alignas(64) static const int32_t FIRST[3][16] = {{0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5},
+                                                   {21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26},
+                                                   {0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0}};
+  alignas(64) static const int32_t THIRD[3][16] = {{0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15},
+                                                   {0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15},
+                                                   {26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31}};
+  const __m512 scale = _mm512_loadu_ps(after);
+  __m512 held[3];
+  for (int c = 0; c < 3; c++) held[c] = _mm512_mul_ps((__m512)sum[c], scale);
+  for (int k = 0; k < 3; k++) {
+    const __m512 two = _mm512_permutex2var_ps(held[0], _mm512_load_si512(FIRST[k]), held[1]);
+    const __m512 all = _mm512_permutex2var_ps(two, _mm512_load_si512(THIRD[k]), held[2]);
+    _mm512_storeu_ps(y + k * STRIP, added ? _mm512_add_ps(all, _mm512_loadu_ps(y + k * STRIP)) : all);
+  }
+}
+#endif
 
 template <int C>
-static void strips_times(int64_t first, int64_t last, int64_t rows, int64_t margin, int64_t plane,
-                         const int32_t* start, const int32_t* distance, const int16_t* weight, const int32_t* single,
-                         const int16_t* lane, const int32_t* column, const int16_t* single_weight, const float* after,
-                         int64_t count, const float* scaled, float* y) {
-  const float* in = scaled + margin;
+static void strips_times(int64_t first, int64_t last, int64_t rows, const int32_t* start, const int32_t* distance,
+                         const uint8_t* weight, const float* after, int64_t count, bool added, const float* scaled,
+                         int64_t plane, float* y) {
   for (int64_t s = first; s < last; s++) {
     Strip sum[C] = {};
-    const float* here = in + s * STRIP;
-    for (int64_t p = start[s]; p < start[s + 1]; p++) {
-      Whole whole;
-      std::memcpy(&whole, weight + p * STRIP, sizeof whole);
-      const Strip w = __builtin_convertvector(whole, Strip);
+    const float* here = scaled + STRIP + s * STRIP;
+    for (int64_t p = start[s], end = start[s + 1]; p < end; p++) {
+      const Strip w = numbers(weight + p * STRIP);
       for (int c = 0; c < C; c++) {
         Strip held;
         std::memcpy(&held, here + c * plane + distance[p], sizeof held);
         sum[c] += w * held;
       }
     }
-    float own[C][STRIP];
-    std::memcpy(own, sum, sizeof own);
-    for (int64_t q = single[s]; q < single[s + 1]; q++)
-      for (int c = 0; c < C; c++) own[c][lane[q]] += float(single_weight[q]) * in[c * plane + column[q]];
-    const int64_t end = std::min<int64_t>(STRIP, rows - s * STRIP);
-    for (int64_t r = 0; r < end; r++)
-      for (int c = 0; c < C; c++) y[(s * STRIP + r) * count + c] = after[s * STRIP + r] * own[c][r];
+    const int64_t left = std::min<int64_t>(STRIP, rows - s * STRIP);
+    float* to = y + s * STRIP * count;
+#if MASKED
+    if (C == 3 && count == 3 && left == STRIP) {
+      put_colours(sum, after + s * STRIP, added, to);
+      continue;
+    }
+#endif
+    put_strip<C>(sum, after + s * STRIP, left, count, added, to);
   }
 }
 
@@ -96,31 +133,59 @@ static void some_down(int64_t first, int64_t last, const int32_t* cell, const fl
   }
 }
 
+template <class Some>
+static void some_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
+                       int64_t covered, float* copy, int64_t pitch, const Some some) {
+  for (int64_t i = first; i < last; i++) {
+    typename Some::T sum{};
+    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) {
+      __builtin_prefetch(copy + int64_t(column[p + AHEAD < start[last] ? p + AHEAD : p]) * pitch);
+      sum += value[p] * some.load(copy + int64_t(column[p]) * pitch);
+    }
+    some.store(copy + (covered + i) * pitch, sum);
+  }
+}
+
+// Number by number: vectors stored in part would have to wait until they can be loaded again
+template <int C>
+static void sent_back(int64_t rows, const int32_t* start, const int32_t* column, const float* value, const float* grad,
+                      int64_t row_step, int64_t step, float* sum, int64_t pitch) {
+  for (int64_t i = 0; i < rows; i++) {
+    float held[C];
+    for (int c = 0; c < C; c++) held[c] = grad[i * row_step + c * step];
+    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) {
+      __builtin_prefetch(sum + int64_t(column[p + AHEAD < start[rows] ? p + AHEAD : p]) * pitch, 1);
+      float* at = sum + int64_t(column[p]) * pitch;
+      const float w = value[p];
+      for (int c = 0; c < C; c++) at[c] += w * held[c];
+    }
+  }
+}
+
 extern "C" {
 
-// y = after · W (before · x), W of whole numbers: by diagonals of STRIP rows, and single entries. `scaled`: a
-// plane of `margin` + rows + `margin` + STRIP for every column.
-void kernel_times(int64_t rows, int64_t margin, const int32_t* start, const int32_t* distance, const int16_t* weight,
-                  const int32_t* single, const int16_t* lane, const int32_t* column, const int16_t* single_weight,
+// y = after · W (before · x), or added to y; W of whole numbers, by diagonals of STRIP rows. `scaled`: a plane of
+// STRIP + rows + STRIP for every column, where before · x goes first unless `x` is null: then it is there.
+void kernel_times(int64_t rows, const int32_t* start, const int32_t* distance, const uint8_t* weight,
                   const float* before, const float* after, const float* x, int64_t count, float* scaled, float* y,
-                  int64_t threads) {
-  const int64_t plane = rows + 2 * margin + STRIP, strips = (rows + STRIP - 1) / STRIP;
-  parallel(rows, threads, [=](int64_t first, int64_t last) {
-    for (int64_t c = 0; c < count; c++) {
-      float* to = scaled + c * plane + margin;
-      for (int64_t i = first; i < last; i++) to[i] = before[i] * x[i * count + c];
-      if (first == 0) std::fill(to - margin, to, 0.0f);
-      if (last == rows) std::fill(to + rows, to + rows + margin + STRIP, 0.0f);
-    }
-  });
+                  int64_t added, int64_t threads) {
+  const int64_t plane = rows + 2 * STRIP, strips = (rows + STRIP - 1) / STRIP;
+  if (x)
+    parallel(rows, threads, [=](int64_t first, int64_t last) {
+      for (int64_t c = 0; c < count; c++) {
+        float* to = scaled + c * plane + STRIP;
+        for (int64_t i = first; i < last; i++) to[i] = before[i] * x[i * count + c];
+        if (first == 0) std::fill(to - STRIP, to, 0.0f);
+        if (last == rows) std::fill(to + rows, to + rows + STRIP, 0.0f);
+      }
+    });
   parallel(strips, threads, [=](int64_t first, int64_t last) {
     if (count == 3)
-      strips_times<3>(first, last, rows, margin, plane, start, distance, weight, single, lane, column, single_weight,
-                      after, count, scaled, y);
+      strips_times<3>(first, last, rows, start, distance, weight, after, count, added, scaled, plane, y);
     else
       for (int64_t c = 0; c < count; c++)
-        strips_times<1>(first, last, rows, margin, plane, start, distance, weight, single, lane, column,
-                        single_weight, after, count, scaled + c * plane, y + c);
+        strips_times<1>(first, last, rows, start, distance, weight, after, count, added, scaled + c * plane, plane,
+                        y + c);
   });
 }
 
@@ -193,37 +258,32 @@ void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const fl
 void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
                   const int64_t* address, int64_t groups, int64_t each, int64_t threads) {
   parallel(rows, threads, [=](int64_t first, int64_t last) {
-    for (int64_t g = 0; g < groups; g++) {
-      float* copy = (float*)address[g];
-      blocks(each, [=](auto columns, int64_t c) {
-        for (int64_t i = first; i < last; i++) {
-          typename decltype(columns)::T sum{};
-          for (int64_t p = start[i]; p < start[i + 1]; p++)
-            sum += value[p] * columns.load(copy + int64_t(column[p]) * each + c);
-          columns.store(copy + (covered + i) * each + c, sum);
-        }
+    for (int64_t g = 0; g < groups; g++)
+      blocks(each, [=](auto some, int64_t c) {
+        some_means(first, last, start, column, value, covered, (float*)address[g] + c, each, some);
       });
-    }
   });
 }
 
-// The transpose, added to `covered` rows in each group of `to`: a group is one thread's
+// The transpose, added to `covered` rows in each group of `to`: a group is one thread's. Numbers of `from` are
+// `row_step` and `step` apart.
 void gutter_back(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
-                 const int64_t* from, const int64_t* to, int64_t groups, int64_t each, int64_t threads) {
+                 const int64_t* from, int64_t row_step, int64_t step, const int64_t* to, int64_t groups, int64_t each,
+                 int64_t threads) {
   parallel(groups, threads, [=](int64_t first, int64_t last) {
     for (int64_t g = first; g < last; g++) {
       const float* grad = (const float*)from[g];
       float* sum = (float*)to[g];
-      std::memcpy(sum, grad, sizeof(float) * covered * each);
-      blocks(each, [=](auto columns, int64_t c) {
-        for (int64_t i = 0; i < rows; i++) {
-          const auto held = columns.load(grad + (covered + i) * each + c);
-          for (int64_t p = start[i]; p < start[i + 1]; p++) {
-            float* at = sum + int64_t(column[p]) * each + c;
-            columns.store(at, columns.load(at) + value[p] * held);
-          }
-        }
-      });
+      if (step == 1 && row_step == each)
+        std::memcpy(sum, grad, sizeof(float) * covered * each);
+      else
+        for (int64_t i = 0; i < covered; i++)
+          for (int64_t c = 0; c < each; c++) sum[i * each + c] = grad[i * row_step + c * step];
+      if (each == 3)
+        sent_back<3>(rows, start, column, value, grad + covered * row_step, row_step, step, sum, each);
+      else
+        for (int64_t c = 0; c < each; c++)
+          sent_back<1>(rows, start, column, value, grad + covered * row_step + c * step, row_step, step, sum + c, each);
     }
   });
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.numerics.sparse import starts
-from texsss.transport.kernels import NEAR, STRIP, WHOLE, Kernel, kernel_of
+from texsss.transport.kernels import STRIP, WHOLE, Kernel, kernel_of
 from texsss.transport.loops import call, making
 from texsss.transport.neighbours import Neighbourhood, neighbourhood
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
@@ -64,19 +64,14 @@ class _Looped:
     def kernel(self, sharpness: Tensor) -> Kernel:
         """The kernel of that sharpness."""
         assert self.found is not None
-        args = len(sharpness), *self.pairs, sharpness, self.area, float(WHOLE), NEAR
-        strips = -(-len(sharpness) // STRIP)
-        diagonals, singles = torch.empty(2, strips, dtype=torch.int32).unbind(0)
-        call(self.found.entries, *args, diagonals, singles, *[None] * 8)
-        start, single = starts(diagonals), starts(singles)
+        args = len(sharpness), *self.pairs, sharpness, self.area, float(WHOLE)
+        diagonals = torch.empty(-(-len(sharpness) // STRIP), dtype=torch.int32)
+        call(self.found.entries, *args, diagonals, None, None, None, None)
+        start, total = starts(diagonals), torch.empty_like(self.area)
         distance = torch.empty(int(start[-1]), dtype=torch.int32)
-        weight = torch.zeros(len(distance), STRIP, dtype=torch.int16)
-        column = torch.empty(int(single[-1]), dtype=torch.int32)
-        lane, single_weight = torch.empty(2, len(column), dtype=torch.int16).unbind(0)
-        total = torch.empty_like(self.area)
-        made = start, distance, weight, single, lane, column, single_weight
-        call(self.found.entries, *args, None, None, *made, total)
-        return Kernel(*made, self.area, 1 / total)
+        weight = torch.zeros(len(distance), STRIP, dtype=torch.uint8)
+        call(self.found.entries, *args, None, start, distance, weight, total)
+        return Kernel(start, distance, weight, self.area, 1 / total)
 
 
 class _Listed:
