@@ -66,8 +66,10 @@ def over_transposed(
             made = around.times(part, made, scratch, added=made is not None)
         held.append(made)
         parts = [x[:, channels * own :]]
-    together = held[-1]
+    together: Tensor | None = held[-1]
+    assert together is not None, "the last level has Gaussians"
     for level, own in reversed(list(zip(levels[1:], held))):
         made = level.ways.up(together)
+        assert made is not None, "there is no place for it"
         together = made if own is None else own.add_(made)
     levels[0].ways.up(together, [out], last[None])
