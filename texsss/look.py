@@ -25,7 +25,7 @@ from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.shade import Gloss, Sight, sight
 
-WORTH_COMPILING = 10_000  # points; fewer are done before a loop is built
+WORTH_COMPILING = 40_000  # steps of all pixels and lights; fewer are done before a loop is built
 
 
 def averaged(surface: SurfaceSpec, images: Images) -> list[str]:
@@ -117,15 +117,17 @@ def scattered_once(
     scale: Float[Tensor, "H W 3"] | None,
     thickness: Float[Tensor, "H W 1"] | None = None,
     how: MarchSpec,
+    pixels: int,
+    samples: int,
     seed: int,
     **options: Any,
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
 
     `scale`: an image over the atlas that multiplies it, where profiles are normalised. `thickness`: of the
-    object [mm], an image alike, where the profiles end with it. `options`: the
-    method, samples and occluder of `March`, and how often it samples surroundings. Every ray of a pixel draws
-    numbers of its own from `seed`.
+    object [mm], an image alike, where the profiles end with it. `pixels`: of the picture; all its rays are
+    marched by the loop in C++ if that is worth building. `options`: the method and occluder of `March`, and
+    how often it samples lights. Every ray of a pixel draws numbers of its own from `seed`.
     """
     interior = from_stack(stack)
     if how.deepest_mm is not None:
@@ -133,14 +135,15 @@ def scattered_once(
     noise = Noise(uv=how.noise_uv, start=how.noise) if how.noise or how.noise_uv else None
     lasting = None if scale is None else Texture.of(scale)
     thick = None if thickness is None else Texture.of(thickness)
-    march = March(mesh, planes, interior, lights, uv=mesh.source_uv, noise=noise, **options)
+    march = March(mesh, planes, interior, lights, uv=mesh.source_uv, noise=noise, samples=samples, **options)
+    worth = pixels * samples * len(lights) >= WORTH_COMPILING
 
     def once(hits: Hits) -> Tensor:
         light = march(
             hits.points,
             hits.view,
             thickness=None if thick is None else thick.at(hits.points.uv(atlas_uv))[:, 0],
-            compiled=len(hits.points) >= WORTH_COMPILING,
+            compiled=worth,
             seed=hits.seed(seed),
         )
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))

@@ -7,6 +7,7 @@ Stages are pure functions of the rooms; here they are joined. A result is kept u
 everything it was made from, so that a material edit costs no blur and a light edit no physics.
 """
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 
@@ -29,7 +30,9 @@ from texsss.view.shade import Sight
 from texsss.view.tonemap import tonemap
 
 SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred bytes each
-LOOKS_PER_MARCH = 4  # of an environment's samples: rays of a pixel and neighbours add up to the rest
+LOOKS_PER_MARCH = (
+    4  # of an environment's, a panel's or a ball's samples: rays of a pixel and neighbours add up to the rest
+)
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
@@ -91,8 +94,10 @@ class Run(Diffusing):
             method=methods.single_scattering,
             samples=methods.march_samples,
             how=methods.march,
+            pixels=math.prod(self.scene.camera.resolution),
             occluder=self.occluder.value,
             environment_samples=-(-placing.environment_samples(self.scene) // LOOKS_PER_MARCH),
+            area_samples=-(-placing.area_samples(self.scene) // LOOKS_PER_MARCH),
             seed=self.scene.seed,
         )
 

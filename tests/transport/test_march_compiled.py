@@ -111,3 +111,13 @@ def test_packed_thicknesses_are_within_half_a_unit(boundaries, wide):
     assert bool((thickness[..., 0] == 0.25).all())
     away = (thickness - torch.diff(depth, dim=-1, prepend=torch.zeros(8, 12, 1))).abs()
     assert bool((away <= 0.501 * unit + 1e-6).all())
+
+
+@pytest.mark.parametrize("depths", [(0.02, 8.0), (0.2, 1.1), (0.3, 1.2), (0.3, 8.0)])
+def test_the_deepest_texel_stays_the_deepest(depths):
+    """Where 24 bits are full, rounding up must not begin anew at the least thickness."""
+    grey = torch.arange(256).reshape(16, 16, 1) / 255
+    depth = depths[0] + (depths[1] - depths[0]) * grey
+    words, coded = packed(depth)
+    thickness = coded[0] + coded[1] * (words[0, :16, :16, 0] & (2**24 - 1))
+    torch.testing.assert_close(thickness, depth[..., 0], rtol=1e-6, atol=0)

@@ -8,6 +8,7 @@ import torch
 from texsss.errors import DomainError, ShapeError
 from texsss.transport.parallax import (
     InnerLayer,
+    _blurred,
     normals_from_photograph,
     opacity_from_photograph,
     shade_layers,
@@ -124,3 +125,19 @@ def test_bad_input():
         opacity_from_photograph(ramp(), least=0.9, most=0.1)
     with pytest.raises(DomainError, match="strength"):
         normals_from_photograph(ramp(), strength=-1.0)
+
+
+@pytest.mark.parametrize("size", [(64, 256), (256, 64), (128, 128)])
+def test_maps_blur_as_wide_along_both_sides(size):
+    """A dot in the middle, looked at through a blur of .04 of the tile; measured .045 (between two copies)."""
+    height, width = size
+    dot = torch.zeros(height, width, 3)
+    dot[height // 2, width // 2] = 1.0
+    layer = InnerLayer(dot, 1.0, None, 0.04)
+    v, u = torch.meshgrid((torch.arange(64) + 0.5) / 64, (torch.arange(64) + 0.5) / 64, indexing="ij")
+    uv = torch.stack([u, v], -1).reshape(-1, 2)
+    seen = _blurred(layer, uv, torch.full((len(uv),), 0.04))[:, 0]
+    middle = (seen[:, None] * uv).sum(0) / seen.sum()
+    deviation = ((seen[:, None] * (uv - middle) ** 2).sum(0) / seen.sum()).sqrt()
+    torch.testing.assert_close(deviation, torch.full((2,), 0.04), rtol=0.2, atol=0)
+    torch.testing.assert_close(deviation[0], deviation[1], rtol=0.05, atol=0)

@@ -19,7 +19,7 @@ class InnerLayer:
 
     `opacity` (H, W, 1), 0..1: of layers that have another one below; None is opaque. `spread`: radius
     of the blur of `base` per distance looked through, mm per mm. `copies`: `base`, and blurred ones whose
-    deviations double, from one texel to the whole tile.
+    deviations double, from one texel of its longer side to the whole tile.
     """
 
     base: Float[Tensor, "H W 3"]
@@ -142,12 +142,15 @@ def _grey(image: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W 1"]:
     return (image * image.new_tensor([0.2126, 0.7152, 0.0722])).sum(-1, keepdim=True)
 
 
-def _smoothed(image: Float[Tensor, "H W C"], deviation: float) -> Float[Tensor, "H W C"]:
-    """Gaussian blur of a tile, exact in frequency space."""
+def _smoothed(
+    image: Float[Tensor, "H W C"], down: float, along: float | None = None
+) -> Float[Tensor, "H W C"]:
+    """Gaussian blur of a tile, exact in frequency space; deviations [texels] down, and along unless alike."""
     height, width, _ = image.shape
     fy = torch.fft.fftfreq(height, dtype=image.dtype, device=image.device)[:, None]
     fx = torch.fft.rfftfreq(width, dtype=image.dtype, device=image.device)
-    decay = torch.exp(-2 * torch.pi**2 * deviation**2 * (fx**2 + fy**2))
+    along = down if along is None else along
+    decay = torch.exp(-2 * torch.pi**2 * ((along * fx) ** 2 + (down * fy) ** 2))
     return torch.fft.irfft2(
         torch.fft.rfft2(image, dim=(0, 1)) * decay[..., None], s=(height, width), dim=(0, 1)
     )
@@ -158,9 +161,10 @@ def _copies(base: Float[Tensor, "H W 3"]) -> tuple[Texture, ...]:
     height, width, _ = base.shape
     images = [base]
     for k in range(max(height, width).bit_length() - 1):
-        step = 2 ** max(0, k - 2)
-        size = (max(1, height // step), max(1, width // step))
-        planes = _smoothed(base, 2.0**k).permute(2, 0, 1)[None]
+        # as wide in uv along both sides; four texels of a copy span a deviation
+        deviations = [2.0**k * side / max(height, width) for side in (height, width)]
+        size = tuple(max(1, int(n / max(1, d / 4))) for n, d in zip((height, width), deviations, strict=True))
+        planes = _smoothed(base, *deviations).permute(2, 0, 1)[None]
         images.append(interpolate(planes, size=size, mode="area")[0].permute(1, 2, 0))
     return tuple(Texture.of(image, "repeat") for image in images)
 

@@ -120,7 +120,8 @@ def packed(depth: Float[Tensor, "H W B"], wide: bool = False) -> tuple[Tensor, F
     least = thickness.amin(0)
     unit = (thickness.amax(0) - least) / (2**bits - 1)
     scale = torch.where(unit > 0, 1 / unit.clamp_min(1e-30), 0)
-    whole = ((thickness - least) * scale).round().to(torch.int32)
+    # 24 bits are all that float32 has: the greatest may round to one more, which a mask would make the least
+    whole = ((thickness - least) * scale).round().clamp_max(2**bits - 1).to(torch.int32)
     words = []
     for first in range(0, boundaries, per_word):
         word = whole[:, first].clone()
