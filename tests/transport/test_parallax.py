@@ -129,7 +129,7 @@ def test_bad_input():
 
 @pytest.mark.parametrize("size", [(64, 256), (256, 64), (128, 128)])
 def test_maps_blur_as_wide_along_both_sides(size):
-    """A dot in the middle, looked at through a blur of .04 of the tile; measured .045 (between two copies)."""
+    """A dot in the middle, looked at through a blur of .04 of the tile: .045, between two copies."""
     height, width = size
     dot = torch.zeros(height, width, 3)
     dot[height // 2, width // 2] = 1.0
