@@ -13,7 +13,7 @@ from texsss.transport.march.segments import along, gather, passage, pieces, tail
 from texsss.transport.march.setup import Reach, bounded, knots, reach
 from texsss.types import Float, Tensor, chunks
 
-BLOCK = 1 << 15  # points a thread takes at a time: fewer, and calls cost more than what they compute
+BLOCK = 1 << 16  # points a thread takes at a time: fewer, and calls cost more than what they compute
 
 Method = Literal["exact", "uniform"]
 Phase = Literal["henyey-greenstein", "schlick"]
