@@ -1,9 +1,10 @@
 """The compiled loops that most bakes need, built while everything else is loaded."""
 
+import sys
 import threading
 from pathlib import Path
 
-from texsss.numerics.native import build
+from texsss.numerics.native import abandon, build
 from texsss.transport.march import variant
 
 HERE = Path(__file__).parent
@@ -41,3 +42,9 @@ class Ahead:
         for source, macros in USUAL:
             if not build(source, macros, self._ended.is_set):
                 return
+
+
+def leave(*_: object) -> None:
+    """A handler of SIGTERM: no compiler outlives the process, and its folder neither."""
+    abandon()
+    sys.exit(143)

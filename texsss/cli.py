@@ -3,6 +3,7 @@
 import atexit
 import json
 import re
+import signal
 import sys
 import time
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from texsss import gallery, openmp  # noqa: F401 - before torch
-from texsss.ahead import Ahead
+from texsss.ahead import Ahead, leave
 from texsss.errors import TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
@@ -262,6 +263,7 @@ def scene_list() -> None:
 
 def _build_ahead() -> None:
     """Starts what a bake will need while the rest is loaded; it ends with the process."""
+    signal.signal(signal.SIGTERM, leave)
     atexit.register(Ahead().start().stop)
 
 

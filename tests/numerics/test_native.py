@@ -1,6 +1,10 @@
 """Loops in C++: built once, kept on disk, done without where nothing can be built."""
 
 import ctypes
+import os
+import signal
+import threading
+import time
 
 import pytest
 
@@ -11,10 +15,12 @@ from texsss.numerics import native
 def source(tmp_path, monkeypatch):
     monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path / "cache"))
     native._library.cache_clear()
+    native._HANGS.clear()
     path = tmp_path / "twice.cpp"
     path.write_text('extern "C" int times(int x) { return FACTOR * x; }')
     yield path
     native._library.cache_clear()
+    native._HANGS.clear()
 
 
 @pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: nothing can be built")
@@ -62,3 +68,48 @@ def test_what_cannot_be_built_is_done_without(source):
     source.write_text("nonsense")
     with pytest.warns(RuntimeWarning, match="could not be built"):
         assert native.library(source, {}) is None
+
+
+def test_a_compiler_that_hangs_is_waited_for_once(source, tmp_path, monkeypatch):
+    monkeypatch.setattr(native, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(native, "_version", lambda _: b"")
+    monkeypatch.setattr(native, "_compiler", lambda: (_script(tmp_path, "sleep 60"),))
+    native.notice.cache_clear()
+    with pytest.warns(RuntimeWarning, match="TimeoutExpired"):
+        assert native.library(source, {"FACTOR": 2}) is None
+    start = time.monotonic()
+    assert native.library(source, {"FACTOR": 3}) is None  # warnings are errors
+    assert time.monotonic() - start < 0.25
+    assert not list((tmp_path / "cache" / "native").iterdir())
+
+
+def test_who_is_told_to_go_leaves_no_compiler(source, tmp_path, monkeypatch):
+    monkeypatch.setattr(native, "_version", lambda _: b"")
+    monkeypatch.setattr(native, "_compiler", lambda: (_script(tmp_path, "sleep 60 & wait"),))
+    waits = threading.Thread(target=native.build, args=(source, {}, lambda: False))
+    waits.start()
+    while not native._RUNNING:
+        time.sleep(0.01)
+    (running,) = native._RUNNING
+    native.abandon()
+    waits.join(5)
+    assert not waits.is_alive() and running.returncode == -signal.SIGKILL
+    assert not list((tmp_path / "cache" / "native").iterdir())
+
+
+def test_what_nobody_loads_is_swept(tmp_path):
+    old, new, left = tmp_path / "old.so", tmp_path / "new.so", tmp_path / "build-x"
+    left.mkdir()
+    for path in (old, new, left / "part.s"):
+        path.touch()
+    for path in (old, left):
+        os.utime(path, (0, time.time() - native.KEPT_S - 1))
+    native._sweep(tmp_path)
+    assert list(tmp_path.iterdir()) == [new]
+
+
+def _script(folder, does: str) -> str:
+    path = folder / "compiler"
+    path.write_text(f"#!/bin/sh\n{does}\n")
+    path.chmod(0o755)
+    return str(path)

@@ -130,12 +130,32 @@ def test_maps_that_vary_independently_stay_exact():
     assert len(weights_for(mixed, ladder, model="layered-diffusion").table) <= 256
 
 
+def test_levels_are_finest_where_little_is_absorbed():
+    """σa of 0 to 1/mm, painted smoothly: totals move by .0079 at worst, by .16 on even levels."""
+    sigma_a = torch.rand(64, 64, generator=torch.Generator().manual_seed(5))
+    sigma_a[0, 0] = 0
+    ladder = variance_ladder(0.4, 400.0, 4)
+    exact, rounded = (
+        weights_for(Medium(sigma_a, 1.0, 0.0, 1.4), ladder, model="layered-diffusion", levels=levels)
+        for levels in (None, 256)
+    )
+    assert len(rounded.table) <= 256 < len(exact.table)
+    torch.testing.assert_close(rounded.total, exact.total, rtol=0, atol=0.012)
+    bits = weights_for(
+        Medium((sigma_a * 255).round() / 255, 1.0, 0.0, 1.4), ladder, model="layered-diffusion"
+    )
+    even = weights_for(
+        Medium((sigma_a * 255).round() / 255, 1.0, 0.0, 1.4), ladder, model="layered-diffusion", levels=None
+    )
+    assert torch.equal(bits.total, even.total)
+
+
 @pytest.mark.parametrize("levels", [None, 256])
 @pytest.mark.parametrize(
     ("what", "extreme"), [("film", 1e5), ("film", 1000.0), ("ink", 40.0), ("black", 1e5)]
 )
 def test_a_few_extreme_texels_flatten_no_map(what, extreme, levels):
-    """Against every row on its own; worst 4e-4, of levels; with steps of the whole range .36."""
+    """Against every row on its own; worst 5.1e-4, of levels; with steps of the whole range .36."""
     map_ = torch.rand(100, 100, generator=torch.Generator().manual_seed(3))
     map_ = map_ * 0.5 if what == "film" else map_ * 0.05 + 0.001
     map_[:10, :20] = extreme
@@ -150,7 +170,7 @@ def test_a_few_extreme_texels_flatten_no_map(what, extreme, levels):
     own = as_table(stack, torch.float32).expand(1)
     own = own.of([x.reshape(-1, *x.shape[-2:]) for x in own.fields])
     exact = flat_profile(own, ZERO.float(), model="layered-diffusion", side="reflectance")
-    torch.testing.assert_close(made.total[:, 0], exact.flatten(), rtol=0, atol=5e-4)
+    torch.testing.assert_close(made.total[:, 0], exact.flatten(), rtol=0, atol=7e-4)
 
 
 @pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])

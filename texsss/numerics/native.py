@@ -24,8 +24,11 @@ FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-pthread", "
 FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 PATIENCE_S = 120
 POLL_S = 0.05
+KEPT_S = 30 * 86_400  # libraries that nobody loads for so long are removed
 SHARED = Path(__file__).parent  # of headers
 _LOCKS: dict[Path, threading.Lock] = {}
+_HANGS = threading.Event()  # a compiler that did not answer once is not asked again
+_RUNNING: set[subprocess.Popen[bytes]] = set()
 
 
 def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
@@ -35,6 +38,13 @@ def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
     in the user's cache.
     """
     return _library(source, tuple(sorted(macros.items())))
+
+
+def abandon() -> None:
+    """Ends what compiles now: those who wait for it do without. For a process that is told to go."""
+    _HANGS.set()
+    for running in list(_RUNNING):
+        _end(running)
 
 
 def build(source: Path, macros: Mapping[str, int], cancel: Callable[[], bool]) -> bool:
@@ -53,6 +63,8 @@ def _library(source: Path, macros: tuple[tuple[str, int], ...]) -> ctypes.CDLL |
             notice("no C++ compiler was found")
             return None
         try:
+            with suppress(OSError):  # of others, perhaps
+                os.utime(path)
             return ctypes.CDLL(str(path))
         except OSError:  # damaged: once more
             path.unlink(missing_ok=True)
@@ -82,26 +94,58 @@ def _built(
 def _build(command: list[str], path: Path, cancel: Callable[[], bool]) -> None:
     """Builds beside `path`, then moves there in one step: others may build the same."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    deadline = time.monotonic() + PATIENCE_S
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    _sweep(path.parent)
+    with tempfile.TemporaryDirectory(prefix="build-", dir=path.parent) as folder:
         made = Path(folder) / path.name
-        nowhere = subprocess.DEVNULL
-        running = subprocess.Popen(
-            [*command, "-o", str(made)], cwd=folder, stdout=nowhere, stderr=nowhere, start_new_session=True
-        )
-        try:
-            while running.poll() is None and not cancel() and time.monotonic() < deadline:
-                with suppress(subprocess.TimeoutExpired):
-                    running.wait(POLL_S)
-        finally:
-            if running.poll() is None:
-                os.killpg(running.pid, signal.SIGKILL)  # g++ leaves the work to children
-                running.wait()
-        if running.returncode:
-            raise subprocess.CalledProcessError(running.returncode, command)
+        _run([*command, "-o", str(made)], folder, cancel)
         with made.open("rb") as file:
             os.fsync(file.fileno())  # whole or not at all, even if the power fails
         os.replace(made, path)
+
+
+def _run(command: list[str], folder: str, cancel: Callable[[], bool] = lambda: False) -> bytes:
+    """What a command prints. Raises SubprocessError: when it fails, is cancelled, or hangs, now or before."""
+    if _HANGS.is_set():
+        raise subprocess.TimeoutExpired(command, PATIENCE_S)
+    deadline = time.monotonic() + PATIENCE_S
+    with tempfile.TemporaryFile(dir=folder) as said:
+        running = subprocess.Popen(
+            command, cwd=folder, stdout=said, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        _RUNNING.add(running)
+        try:
+            while running.poll() is None and not cancel():
+                if time.monotonic() > deadline:
+                    _HANGS.set()
+                    raise subprocess.TimeoutExpired(command, PATIENCE_S)
+                with suppress(subprocess.TimeoutExpired):
+                    running.wait(POLL_S)
+        finally:
+            _end(running)
+            _RUNNING.discard(running)
+        if running.returncode:
+            raise subprocess.CalledProcessError(running.returncode, command)
+        said.seek(0)
+        return said.read()
+
+
+def _end(running: subprocess.Popen[bytes]) -> None:
+    if running.poll() is None:
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)  # g++ leaves the work to children
+        running.wait()
+
+
+def _sweep(folder: Path) -> None:
+    """Removes libraries that nobody loads any more, and what builds that were killed left behind."""
+    for path in folder.glob("*"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime < KEPT_S:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink()
 
 
 @cache
@@ -115,7 +159,7 @@ def _compiler() -> tuple[str, ...] | None:
 
 @cache
 def _version(compiler: tuple[str, ...]) -> bytes:
-    return subprocess.run([*compiler, "--version"], capture_output=True, timeout=PATIENCE_S).stdout
+    return _run([*compiler, "--version"], tempfile.gettempdir())
 
 
 @cache

@@ -15,6 +15,8 @@ BLOCK = 2**14  # rows compared at once
 FEW = 256  # rows that show which columns vary together
 JUDGED = 2**12  # rows that show what rounding loses
 LOST_ALIKE = 1e-3  # of values on average, at most, where those within a step are taken as equal
+ALIKE_SHARE = 1e-3  # of their ranges, by which columns of one map differ
+OFF_LEVEL = 0.02  # of a step, within which a value lies on a level
 LOST_LEVELS = 0.02  # ... and by rounding to levels
 LOOKED_UP = 1e-6  # [mm or 1/mm], look-ups round by as much, so that nothing is lost by less
 PAIRS = 2**22  # of levels of two maps, at most, for a look-up table
@@ -49,9 +51,7 @@ def distinct(
     if _lost(varying[judged], varying[first[row[judged]]], ends) > LOST_ALIKE:
         first, row = _unique_rows(torch.where(varying > ends, FAR_MM, varying))
     if levels is not None and len(first) > count / TABLE and _independent(varying, ends) <= MAPS:
-        low, high = _range(varying, ends)
-        step = (high - low) / (levels - 1)
-        rounded = torch.where(varying > ends, FAR_MM, low + torch.round((varying - low) / step) * step)
+        rounded = _rounded(varying, ends, levels)
         if _lost(varying[judged], rounded[judged], ends) < LOST_LEVELS:
             varying = rounded
             first, row = _unique_rows(varying)
@@ -59,6 +59,26 @@ def distinct(
     flat[:, columns] = varying[first]
     fields = [x.reshape(-1, *table.sigma_a.shape[1:]) for x in flat.chunk(4, 1)]
     return table.of(fields), row.to(torch.int32)
+
+
+def _rounded(varying: Float[Tensor, "P F"], ends: Tensor, levels: int) -> Float[Tensor, "P F"]:
+    """Columns on `levels` of their range: even ones where they lie on such already, as maps of 8 bits do.
+
+    Else their square roots are even: light depends on the first traces of absorption most. What falls where
+    another column rises, as one map makes both, is rounded with it.
+    """
+    low, high = _range(varying, ends)
+    last, share = levels - 1, ((varying - low) / (high - low)).clamp(0, 1)
+    even = torch.round(share * last) / last
+    on_them = ((even - share).abs() * (varying <= ends) < OFF_LEVEL / last).all(0)
+    few = slice(None, None, len(varying) // FEW | 1)
+    falls = torch.zeros_like(on_them)
+    for base in _bases(varying[few], ends):
+        falls |= ((share[few] + share[few, base, None] - 1).abs() < ALIKE_SHARE).all(0)
+    root = torch.where(falls, 1 - share, share).sqrt()
+    finer = (torch.round(root * last) / last) ** 2
+    kept = torch.where(on_them, even, torch.where(falls, 1 - finer, finer))
+    return torch.where(varying > ends, FAR_MM, low + kept * (high - low))
 
 
 def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | None:
@@ -178,7 +198,7 @@ def _bases(some: Float[Tensor, "P F"], ends: Tensor) -> list[int]:
     left, bases = torch.arange(some.shape[1]), []
     while len(left):
         bases.append(int(left[0]))
-        left = left[((some[:, left] - some[:, left[:1]]).abs() > 1e-3).any(0)]
+        left = left[((some[:, left] - some[:, left[:1]]).abs() > ALIKE_SHARE).any(0)]
     return bases
 
 
