@@ -84,11 +84,11 @@ def test_pictures_beneath_the_surface(visit):
         {"methods": METHODS | {"diffusion": "parallax", "parallax": parallax}, "maps": {"vessels": vessels}},
         **SMALL,
     )
-    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.looks.B.marched === 1")
     before = pixels(page)
     page.get_by_role("tab", name="Inside").click()
     settle(page, lambda: page.get_by_label("The surface hides", exact=True).fill("950"))
-    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.looks.B.marched === 1")
     assert abs(pixels(page) - before).mean() > 1
     page.get_by_role("button", name="Remove picture 1").click()
     page.get_by_text("Nothing lies there yet").wait_for()
@@ -96,14 +96,14 @@ def test_pictures_beneath_the_surface(visit):
 
 def test_numbers_of_the_march_are_followed(visit):
     page = visit({"methods": METHODS | {"single_scattering": "uniform"}}, **SMALL)
-    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.looks.B.marched === 1")
     asked = []
     page.on("request", lambda one: asked.append(one) if "image=picture" in one.url else None)
     page.get_by_role("tab", name="Inside").click()
     noise = page.get_by_label("Noise of the start", exact=True)
     before = pixels(page)
     noise.fill("800")
-    assert page.evaluate("texsss.viewer.uniforms.marched.value") == 1, "it stays while it is pulled"
+    assert page.evaluate("texsss.viewer.looks.B.marched") == 1, "it stays while it is pulled"
     for _ in range(150):
         if len(asked) > 1 and abs(pixels(page) - before).max() > 3:
             break

@@ -1,5 +1,6 @@
 """What people do: sliders, undo, links, comparisons, files; and that the camera stays meanwhile."""
 
+import io
 import time
 
 import numpy as np
@@ -99,7 +100,7 @@ def test_compare_by_keyboard(visit):
     assert np.abs(shown(page) - whole).mean() > 3
 
 
-def test_a_pinned_setting_stays_while_the_rest_changes(visit, tmp_path):
+def test_a_pinned_setting_stays_while_the_rest_changes(visit, page_server, tmp_path):
     """With its colour map and its glass; a link keeps it, and how all of it is looked at."""
     page = visit()
     ramp = np.stack([np.tile(np.linspace(60, 250, 16), (16, 1))] * 2 + [np.full((16, 16), 90)], 2)
@@ -110,9 +111,17 @@ def test_a_pinned_setting_stays_while_the_rest_changes(visit, tmp_path):
     page.get_by_label("Where A ends and B begins").fill("100")
     page.wait_for_selector(".rmse:not(:empty)")
     pinned = shown(page)
-    settle(page, lambda: page.get_by_role("button", name="Jade").click())
+    said = "document.querySelector('.rmse').value"
+    jade = page.get_by_role("button", name="Jade")
+    stale = f"(jade) => {{ jade.click(); return {said} }}"
+    was = []
+    settle(page, lambda: was.append(page.evaluate(stale, jade.element_handle())))
+    assert was == [""], "no figure while the light of one side is of before"
     page.wait_for_timeout(300)
     assert "albedo" not in state(page)["surface"] and np.abs(shown(page) - pinned).mean() < 0.5
+
+    until(page, f"{said} !== ''")
+    assert float(page.evaluate(said).split()[1]) == pytest.approx(percent(page, page_server), rel=0.02)
 
     other = again(page, visit)
     until(other, "texsss.compare.liveA.settles > 0 && texsss.viewer.looks.A.maps.albedo")
@@ -127,6 +136,17 @@ def test_a_pinned_setting_stays_while_the_rest_changes(visit, tmp_path):
     third = again(other, visit)
     until(third, "texsss.viewer.surface.difference && texsss.viewer.looks.A.maps.albedo")
     assert np.abs(shown(third) - picture).max() <= 2
+
+
+def percent(page, server) -> float:
+    """RMSE of A and B as the service has the light that leaves, colour maps included [%]."""
+    with server.client(accept="application/x-npy") as client:
+        ask = lambda scene, image: client.post("/v1/render", params={"image": image}, json=scene).content  # noqa: E731
+        a, b = (page.evaluate(f"texsss.{live}.wanted") for live in ("compare.liveA", "live"))
+        held = ((a, "exitance"), (b, "exitance"), (b, "coverage"))
+        of, to, there = (np.load(io.BytesIO(ask(*one))).astype(float) for one in held)
+    there = there[..., 0] >= 0.5
+    return 100 * np.sqrt(np.square(of - to)[there].mean()) / to[there].mean()
 
 
 def again(page, visit):

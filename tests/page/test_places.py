@@ -215,11 +215,11 @@ def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
     page = visit(**SMALL)
     page.get_by_role("tab", name="Inside").click()
     page.get_by_label("Show", exact=True).select_option("single")
-    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.looks.B.marched === 1")
     alone = pixels(page)
     assert state(page)["methods"]["single_scattering"] == "none"
     page.get_by_label("Show", exact=True).select_option("picture")
-    until(page, "texsss.viewer.uniforms.marched.value === 0")
+    until(page, "texsss.viewer.looks.B.marched === 0")
     assert abs(pixels(page) - alone).mean() > 2
     blue = alone.mean((0, 1))
     assert blue[2] > blue[0], "skin scatters blue back first"
@@ -228,11 +228,11 @@ def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
 def test_the_march_is_blended_in_at_rest(visit):
     page = visit({"methods": METHODS | {"single_scattering": "exact"}}, **SMALL)
     page.locator("#badge:not(.marching)").wait_for()
-    until(page, "texsss.viewer.uniforms.marched.value === 1")
+    until(page, "texsss.viewer.looks.B.marched === 1")
     marched = pixels(page)
     page.locator("#view").press("ArrowRight")
     page.locator("#view").press("ArrowLeft")
-    before = page.evaluate("texsss.viewer.uniforms.marched.value")
+    before = page.evaluate("texsss.viewer.looks.B.marched")
     assert before == 0
     apart = abs(pixels(page) - marched).mean()
     assert 0 < apart < 12, "another picture, but of the same thing"  # measured 3.9

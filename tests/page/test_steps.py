@@ -89,6 +89,14 @@ def test_maps_of_one_name_stay_apart(visit, tmp_path):
         Image.new("RGB", (8, 8), (shade, 60, 60)).save(folder / "map.png")
         settle(page, lambda folder=folder: drop(page, folder / "map.png"))
         names.append(state(page)["surface"]["albedo"])
+    seen, held = pixels(page), []
+    page.route("**/v1/render*", lambda route: held.append(route))
+    with page.expect_response("**/v1/map*"):
+        drop(page, tmp_path / "90" / "map.png")
+    page.wait_for_timeout(300)
+    assert abs(pixels(page) - seen).max() <= 2, "a map waits for its light"
+    settle(page, lambda: page.unroute("**/v1/render*"))  # what was held goes on
+    settle(page, lambda: page.get_by_role("button", name="Undo").click())
     maps = state(page)["maps"]
     assert names == ["map", "map-2"] and maps["map"]["source"] != maps["map-2"]["source"]
 

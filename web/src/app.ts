@@ -138,12 +138,12 @@ export class App {
     this.handle = new LightHandle(overlay, viewer, { turn: (yaw, pitch) => this.aim.turn(yaw, pitch), done: () => this.aim.done() });
     this.marching = new Marching({
       viewer,
-      state: () => store.state,
+      state: (side) => (side === "B" ? store.state : (this.compare?.shown ?? null)),
       pose: () => viewer.orbit.pose,
       allowed: () => ["picture", "single"].includes(this.inside.key) && viewer.unfolded === 0 && this.framed !== "",
       editing: () => store.editing,
       reducedMotion,
-      busy: (text) => this.status.busy(text),
+      said: (text, going) => this.status.march(text, going),
       online,
     });
     this.inside = new InsidePanel({
@@ -174,7 +174,11 @@ export class App {
       lights: (state, showing) => expanded(state.lights, showing),
       problem: (error) => this.problem(error),
       announce: (text) => this.announce(text),
-      changed: () => this.address.remember(),
+      marched: () => (this.marching.alone ? "alone" : this.marching.wanted ? "also" : "no"),
+      changed: () => {
+        this.address.remember();
+        this.marching.changed();
+      },
     });
 
     this.address = new Address({
@@ -247,6 +251,7 @@ export class App {
       if (store.editing) viewer.redraw(true);
       this.live.want(store.state, store.editing);
       this.compare.sync(store.editing);
+      this.profiles.changed();
       this.marching.changed();
       if (!store.editing) this.address.remember();
     });

@@ -3,7 +3,7 @@
 import { api, NPY } from "./api";
 import { h, iconButton, plain } from "./dom";
 import { Live, placeOf } from "./live";
-import { bakedPart } from "./parts";
+import { bakedPart, shownMaps } from "./parts";
 import { type State, toScene } from "./state";
 import type { Light, Showing } from "./types";
 import { dressLook } from "./view/look";
@@ -36,6 +36,8 @@ export interface CompareHost {
   lights(state: State, showing: Showing | null): Light[];
   problem(error: unknown): Promise<boolean>;
   announce(text: string): void;
+  /** Whether what is seen is marched for the view: not, in part, or nothing else. */
+  marched(): "no" | "also" | "alone";
   changed(): void;
 }
 
@@ -53,8 +55,10 @@ export class Compare {
   private pinned: State | null = null;
   private placed: Showing | null = null; // where its lights stand
   private placing = false;
+  private readonly left = new WeakMap<HalfImage, Promise<HalfImage>>(); // light times the colour map, of light before it
   private coverage: { key: string; image: HalfImage } | null = null;
   private difference = false;
+  private marched = "no"; // when it was measured
   on = false;
 
   constructor(private readonly host: CompareHost) {
@@ -133,20 +137,26 @@ export class Compare {
     return OTHERS.find((one) => one.key === this.select.value) ?? OTHERS[0];
   }
 
+  /** What A shows; null: it is not seen. */
+  get shown(): State | null {
+    if (!this.on) return null;
+    const now = this.host.state();
+    // on another mesh or light map a pinned setting has nowhere to lie
+    return { ...this.other.make(now, this.pinned), mesh: now.mesh, atlas: now.atlas };
+  }
+
   /** Follows the scene. `moving` as in `Live.want`. */
   sync(moving = false): void {
-    if (!this.on) return;
+    const a = this.shown;
+    if (!a) return;
     const { viewer } = this.host;
-    const state = this.other.make(this.host.state(), this.pinned);
-    // on another mesh or light map a pinned setting has nowhere to lie
-    const now = this.host.state();
-    const a = { ...state, mesh: now.mesh, atlas: now.atlas };
-    const showing = this.showingOf(a, now);
+    const showing = this.showingOf(a, this.host.state());
     dressLook(viewer.looks.A, a, showing, this.host.lights(a, showing));
-    this.modeButton.disabled = this.host.live.image !== "diffused"; // else its colours are those of data
+    this.modeButton.disabled = this.host.live.image !== "diffused" || this.host.marched() === "alone"; // else its colours are those of data
     if (this.modeButton.disabled && this.difference) this.setDifference(false);
     if (this.liveA.image !== this.host.live.image) this.liveA.look(this.host.live.image);
     this.liveA.want(a, moving);
+    if (!this.comparable || this.host.marched() !== this.marched) void this.measure();
     viewer.redraw();
   }
 
@@ -187,37 +197,52 @@ export class Compare {
     this.host.changed();
   }
 
-  /** Root of the mean square difference of the light on the surface, relative to its mean. */
+  /** Whether the light of both sides is all there. */
+  private get comparable(): boolean {
+    return this.host.marched() !== "alone" && this.liveA.values !== null && this.host.live.values !== null;
+  }
+
+  /** Root of the mean square difference of what leaves the surface, relative to its mean. */
   async measure(): Promise<void> {
-    if (!this.on) return;
-    const a = this.liveA.values;
-    const b = this.host.live.values;
+    const a = this.shown;
+    if (!a) return;
     this.rmse.value = "";
-    if (!a || !b || a.width !== b.width || a.channels !== b.channels) return;
-    const covered = await this.covered(b.width).catch(() => null);
-    let square = 0;
-    let sum = 0;
-    let count = 0;
-    let most = 0;
-    for (let i = 0, at = 0; i < b.width * b.height; i++) {
-      for (let k = 0; k < b.channels; k++, at++) {
-        if (covered && half(covered.data[i]) < 0.5) continue;
-        const value = half(b.data[at]);
-        const apart = Math.abs(value - half(a.data[at]));
-        square += apart * apart;
-        sum += value;
-        count++;
-        if (apart > most) most = apart;
-      }
+    this.rmse.title = "";
+    this.legend.hidden = true; // until its numbers are known
+    const marched = (this.marched = this.host.marched());
+    if (marched === "alone") {
+      this.rmse.value = "no RMSE";
+      this.rmse.title = "What is marched for this view alone is not held against each other by numbers";
     }
-    const relative = Math.sqrt(square / Math.max(count, 1)) / Math.max(sum / Math.max(count, 1), 1e-12);
-    this.rmse.value = `RMSE ${plain(100 * relative)} %`;
-    this.rmse.title = "Of the light that leaves, over all texels, relative to its mean";
+    const [valuesA, valuesB] = [this.liveA.values, this.host.live.values];
+    if (!this.comparable || !valuesA || !valuesB) return;
+    const both = [this.leaving(a, valuesA), this.leaving(this.host.state(), valuesB)];
+    const found = await Promise.all([...both, this.covered(valuesB.width).catch(() => null)]).catch(() => null);
+    if (valuesA !== this.liveA.values || valuesB !== this.host.live.values || !this.comparable) return; // of the past
+    const [of, to, covered] = found ?? [];
+    if (!of || !to || of.data.length !== to.data.length) return void (this.rmse.value = "no RMSE");
+    const { relative, most } = apart(of, to, covered ?? null);
+    const light = this.host.live.image === "diffused";
+    this.rmse.value = `RMSE ${plain(100 * relative)} %${marched === "also" ? " unmarched" : ""}`;
+    const what = light ? `Of the light that leaves${marched === "also" ? ", without what is marched for the view" : ""}` : "Of what is shown";
+    this.rmse.title = `${what}, over all texels, relative to the mean of B`;
     const brightest = Math.max(most / Math.PI / 2, 1e-6); // the few places beyond would leave the rest dark
     this.host.viewer.setDifference(this.difference, brightest);
     const ends = h("span", { class: "ends" }, h("span", null, "0"), h("span", null, "W/(m² sr)"), h("span", null, `${plain(brightest)} and more`));
     this.legend.replaceChildren(h("strong", null, "Difference of A and B"), h("span", { class: "bar" }), ends);
     this.legend.hidden = !this.difference;
+  }
+
+  /** Light times the colour map, where that is applied after it has spread. */
+  private leaving(state: State, values: HalfImage): Promise<HalfImage> | HalfImage {
+    const scene = toScene(state);
+    if (this.host.live.image !== "diffused" || !shownMaps(scene).albedo) return values;
+    const known = this.left.get(values);
+    if (known) return known;
+    const asked = api.image(bakedPart(scene), "exitance", { accept: NPY }).then(async (response) => parseNpy(await response.arrayBuffer()));
+    this.left.set(values, asked);
+    asked.catch(() => this.left.delete(values)); // to be asked for again
+    return asked;
   }
 
   private async covered(size: number): Promise<HalfImage> {
@@ -231,3 +256,23 @@ export class Compare {
   }
 }
 
+
+/** Root of the mean square difference relative to the mean of B, and the greatest difference. */
+function apart(a: HalfImage, b: HalfImage, covered: HalfImage | null): { relative: number; most: number } {
+  let square = 0;
+  let sum = 0;
+  let count = 0;
+  let most = 0;
+  for (let i = 0, at = 0; i < b.width * b.height; i++) {
+    for (let k = 0; k < b.channels; k++, at++) {
+      if (covered && half(covered.data[i]) < 0.5) continue;
+      const value = half(b.data[at]);
+      const off = Math.abs(value - half(a.data[at]));
+      square += off * off;
+      sum += value;
+      count++;
+      if (off > most) most = off;
+    }
+  }
+  return { relative: Math.sqrt(square / Math.max(count, 1)) / Math.max(sum / Math.max(count, 1), 1e-12), most };
+}

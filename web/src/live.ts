@@ -28,7 +28,8 @@ export interface LiveEvents {
   /** Lights and indices; `geometry` where the mesh is another. Without this event neither is asked for. */
   ground?(showing: Showing, geometry: BufferGeometry | null): void;
   light(texture: Texture, final: HalfImage | null): void;
-  map?(kind: MapName, coded: Blob | null, srgb: boolean): Promise<void>;
+  /** Makes a map ready; what it gives puts it on. */
+  map?(kind: MapName, coded: Blob | null, srgb: boolean): Promise<() => void>;
   /** Whether a map is shown without being asked for, as another side wears the same. */
   lent?(kind: MapName, key: string): Promise<boolean>;
   settled?(): void;
@@ -40,6 +41,7 @@ export class Live {
   private wanted: Baked | null = null;
   private shown = ""; // what the light on screen was made from
   private settledOn = "";
+  private lit = ""; // what the light was made from when it came, before its maps
   private scene: Omit<Scene, "camera"> | null = null;
   private running = false;
   private moving = false;
@@ -52,6 +54,7 @@ export class Live {
   private grounds = new Set<string>(); // meshes and sizes that are known to be quick
   private maps: Partial<Record<MapName, string>> = {};
   private readonly worn: Partial<Record<MapName, Promise<void>>> = {}; // until each of them is shown
+  private readonly ready = new Map<MapName, (on: boolean) => void>(); // shown with the light that belongs to them
   private dressing: Promise<unknown> = Promise.resolve(); // while maps are on their way
   private readonly client = clientName();
   private bound = 0; // greatest value of the light on screen
@@ -117,7 +120,7 @@ export class Live {
 
   /** Whether a map is the one shown as `kind`, once what was asked for has come. */
   async wears(kind: MapName, key: string): Promise<boolean> {
-    await this.worn[kind]?.catch(() => undefined);
+    await this.worn[kind];
     return (this.maps[kind] ?? "") === key;
   }
 
@@ -233,6 +236,7 @@ export class Live {
       const response = await api.image(body, this.image, { ...options, accept: "image/jpeg" });
       const texture = await fromBlob(await response.blob(), true);
       texture.userData.scale = 2 ** -exposure_ev;
+      this.wear(scene);
       this.events.light(texture, null);
     } else {
       const response = await api.image(sized, this.image, { ...options, accept: NPY });
@@ -241,6 +245,7 @@ export class Live {
       this.power = powerOfAll(scene.lights);
       if (!draft) this.full = { key: this.key(scene), image };
       if (this.settles === 0) await Promise.race([this.dressing, sleep(PATIENCE_MS)]); // not grey first, then coloured
+      this.wear(scene);
       this.events.light(fromHalf(image), draft ? null : image);
     }
     this.grounds.add(ground);
@@ -261,25 +266,43 @@ export class Live {
       const key = spec ? JSON.stringify(spec) : "";
       if ((this.maps[kind] ?? "") === key) continue;
       this.maps[kind] = key;
-      const worn = (this.worn[kind] = this.showMap(kind, spec && name !== undefined ? () => api.map(mapPart(scene, name), name) : null, (spec?.space ?? "linear") === "srgb", show));
-      asked.push(worn);
+      this.ready.get(kind)?.(false); // it is of the past
+      this.ready.delete(kind);
+      const ask = spec && name !== undefined ? () => api.map(mapPart(scene, name), name) : null;
+      this.worn[kind] = new Promise((done) => asked.push(this.showMap(kind, ask, (spec?.space ?? "linear") === "srgb", show, done)));
     }
     if (!asked.length) return;
     this.dressing = Promise.all(asked);
     this.dressing.catch(() => undefined); // heard before the picture has settled
   }
 
-  private async showMap(kind: MapName, ask: (() => Promise<Blob>) | null, srgb: boolean, show: NonNullable<LiveEvents["map"]>): Promise<void> {
+  private async showMap(kind: MapName, ask: (() => Promise<Blob>) | null, srgb: boolean, show: NonNullable<LiveEvents["map"]>, done: () => void): Promise<void> {
     const key = this.maps[kind];
     try {
-      if (key !== undefined && (await this.events.lent?.(kind, key))) return;
+      if (key !== undefined && (await this.events.lent?.(kind, key))) return done();
       const coded = ask && (await ask());
-      if (this.maps[kind] === key) await show(kind, coded, srgb);
+      const wear = this.maps[kind] === key ? await show(kind, coded, srgb) : null;
+      if (!wear || this.maps[kind] !== key) return done();
+      this.ready.set(kind, (on) => ((on ? wear() : null), done()));
+      if (this.wanted && this.lit === this.key(this.wanted)) this.put(kind);
     } catch (error) {
+      done();
       if (this.maps[kind] !== key) return;
       this.maps[kind] = "unknown"; // to be asked for again
       throw error;
     }
+  }
+
+  /** Puts a map on that is ready. */
+  private put(kind: MapName): void {
+    this.ready.get(kind)?.(true);
+    this.ready.delete(kind);
+  }
+
+  /** Puts on what belongs to the light of `scene`, not to what has been wanted since. */
+  private wear(scene: Baked): void {
+    this.lit = this.key(scene);
+    if (this.wanted && this.key(this.wanted) === this.lit) for (const kind of this.ready.keys()) this.put(kind);
   }
 }
 

@@ -16,19 +16,47 @@ const DRAFT_PIXELS = 60_000; // while its own numbers are pulled
 
 export interface MarchingHost {
   viewer: Viewer;
-  state(): State;
+  /** What a side shows; null: it is not seen. */
+  state(side: "A" | "B"): State | null;
   pose(): Pose;
   /** Nothing that the surface shows besides is in the way of a picture. */
   allowed(): boolean;
   editing(): boolean;
   reducedMotion(): boolean;
-  busy(text: string | null): void;
+  /** What is said of it: how many pixels, how long; `going`: more is on its way. */
+  said(text: string, going: boolean): void;
   online(yes: boolean): void;
 }
 
+/** The marched light of both sides of a comparison. */
 export class Marching {
+  private readonly sides: Record<"A" | "B", Side>;
   /** Shows light scattered once and nothing else. */
   alone = false;
+
+  constructor(host: MarchingHost) {
+    const alone = () => this.alone;
+    const said = () => host.said(this.sides.B.said, this.sides.A.going || this.sides.B.going);
+    this.sides = { A: new Side("A", host, alone, said), B: new Side("B", host, alone, said) };
+  }
+
+  /** Whether what is seen of a side is marched, or will be. */
+  get wanted(): boolean {
+    return this.sides.A.wanted || this.sides.B.wanted;
+  }
+
+  moved(): void {
+    for (const side of [this.sides.B, this.sides.A]) side.moved();
+  }
+
+  changed(): void {
+    for (const side of [this.sides.B, this.sides.A]) side.changed();
+  }
+}
+
+class Side {
+  /** How many pixels were marched, and how long it took. */
+  said = "";
   private timer = 0;
   private abort: AbortController | null = null;
   private share = 0;
@@ -38,11 +66,22 @@ export class Marching {
   private rest = ""; // of what is marched through
   private readonly client = clientName();
 
-  constructor(private readonly host: MarchingHost) {}
+  constructor(
+    private readonly side: "A" | "B",
+    private readonly host: MarchingHost,
+    private readonly alone: () => boolean,
+    private readonly heard: () => void,
+  ) {}
+
+  get going(): boolean {
+    return this.abort !== null;
+  }
 
   get wanted(): boolean {
-    const { single_scattering, diffusion } = this.host.state().methods;
-    const depends = this.alone || single_scattering !== "none" || diffusion === "parallax";
+    const state = this.host.state(this.side);
+    if (!state) return false;
+    const { single_scattering, diffusion } = state.methods;
+    const depends = this.alone() || single_scattering !== "none" || diffusion === "parallax";
     return depends && this.host.allowed();
   }
 
@@ -68,7 +107,9 @@ export class Marching {
   }
 
   private parts(): [string, string] {
-    const { output: _output, ...state } = this.host.state();
+    const shown = this.host.state(this.side);
+    if (!shown) return ["", ""];
+    const { output: _output, ...state } = shown;
     const { march, march_samples, single_scattering, ...methods } = state.methods;
     return [JSON.stringify([march, march_samples, single_scattering]), JSON.stringify({ ...state, methods })];
   }
@@ -77,7 +118,8 @@ export class Marching {
     clearTimeout(this.timer);
     this.abort?.abort(new DOMException("stale", "AbortError"));
     this.abort = null;
-    this.host.busy(null);
+    this.said = "";
+    this.heard();
   }
 
   /** Coarse pictures, one after the other, until the numbers are those of the last. */
@@ -99,10 +141,13 @@ export class Marching {
 
   private async march(): Promise<void> {
     const abort = (this.abort = new AbortController());
-    this.host.busy("marching");
+    const start = performance.now();
+    this.said = "marching";
+    this.heard();
     try {
-      await this.ask(PIXELS, { samples: 4 }, { signal: abort.signal });
+      const [width, height] = await this.ask(PIXELS, { samples: 4 }, { signal: abort.signal });
       if (abort.signal.aborted) return;
+      this.said = `${width} × ${height} marched in ${((performance.now() - start) / 1000).toFixed(1)} s`;
       this.host.online(true);
       this.fade(1);
     } catch (error) {
@@ -113,22 +158,25 @@ export class Marching {
     } finally {
       if (this.abort === abort) {
         this.abort = null;
-        this.host.busy(null);
+        if (this.said === "marching") this.said = "";
+        this.heard();
       }
     }
   }
 
-  private async ask(pixels: number, camera: { samples: number }, options: { signal?: AbortSignal; client?: string }): Promise<void> {
+  private async ask(pixels: number, camera: { samples: number }, options: { signal?: AbortSignal; client?: string }): Promise<number[]> {
     const { viewer } = this.host;
     const { clientWidth: width, clientHeight: height } = viewer.canvas;
     const scale = Math.min(1, Math.sqrt(pixels / (width * height)));
     const resolution = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
-    const scene = { ...toScene(this.host.state()), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
-    if (this.alone && scene.methods.single_scattering === "none") scene.methods.single_scattering = "exact";
-    const image = this.alone ? "single" : "picture";
+    const scene = { ...toScene(this.host.state(this.side)!), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
+    const alone = this.alone();
+    if (alone && scene.methods.single_scattering === "none") scene.methods.single_scattering = "exact";
+    const image = alone ? "single" : "picture";
     const response = await api.image(scene, image, { ...options, accept: NPY });
     const values = parseNpy(await response.arrayBuffer());
-    if (!options.signal?.aborted) viewer.setMarch(fromHalf(values));
+    if (!options.signal?.aborted) viewer.setMarch(this.side, fromHalf(values));
+    return resolution;
   }
 
   private fade(to: number): void {
@@ -140,7 +188,7 @@ export class Marching {
     const step = (now: number) => {
       const t = duration ? Math.min((now - start) / duration, 1) : 1;
       this.share = from + (to - from) * t;
-      this.host.viewer.setMarched(this.share);
+      this.host.viewer.setMarched(this.side, this.share);
       if (t < 1) this.fading = requestAnimationFrame(step);
     };
     step(start);

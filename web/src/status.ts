@@ -26,7 +26,9 @@ export class Status {
   readonly progress: HTMLElement;
   private readonly bar = h("progress", { max: 1, "aria-label": "Progress" });
   private readonly stage = h("span");
+  private readonly marched = h("span", { class: "marched" });
   private timer = 0;
+  private lit = false; // some picture stands
   private readonly missing = new Map<string, string>();
   private last: Badge = { state: "stopped", texels: 0, ms: 0 };
 
@@ -39,17 +41,19 @@ export class Status {
     this.badge.dataset.state = badge.state;
     if (badge.state === "busy") {
       this.stage.textContent = STAGES[badge.stage ?? ""] ?? "Working";
-      this.bar.value = badge.fraction ?? 0;
+      if ((badge.fraction ?? 0) < 1) this.bar.value = badge.fraction ?? 0;
+      else this.bar.removeAttribute("value"); // that stage is done, and what follows has no fraction
       if (!this.timer) this.timer = window.setTimeout(() => (this.progress.hidden = false), PATIENCE_MS);
-      this.badge.replaceChildren(dot(), `${badge.texels}²`);
+      this.badge.replaceChildren(dot(), `${badge.texels}²`, this.marched);
       return;
     }
     clearTimeout(this.timer);
     this.timer = 0;
     this.progress.hidden = true;
     this.last = badge;
-    const said = { failed: "no picture", stopped: "stopped: change something to go on" }[badge.state as string] ?? `${badge.texels}² · ${Math.round(badge.ms)} ms`;
-    this.badge.replaceChildren(dot(), said, badge.state === "draft" ? h("span", { class: "tag" }, "draft") : "");
+    this.lit ||= badge.state === "draft" || badge.state === "final";
+    const said = { failed: this.lit ? "no new picture: this one is of before" : "no picture", stopped: "stopped: change something to go on" }[badge.state as string] ?? `${badge.texels}² · ${Math.round(badge.ms)} ms`;
+    this.badge.replaceChildren(dot(), said, badge.state === "draft" ? h("span", { class: "tag" }, "draft") : "", this.marched);
     this.badge.title = badge.state === "draft" ? "A draft: the whole follows when things rest" : "Texels of the light map, and how long the service took";
   }
 
@@ -58,9 +62,10 @@ export class Status {
     if (this.badge.dataset.state === "busy") this.show(this.last);
   }
 
-  /** Something that goes on for long and has no fraction. */
-  busy(text: string | null): void {
-    this.badge.classList.toggle("marching", text !== null);
+  /** What is said of the march, which has no fraction. */
+  march(text: string, going: boolean): void {
+    this.marched.textContent = text;
+    this.badge.classList.toggle("marching", going);
   }
 
   /** Says that something is away; null: it is back. */

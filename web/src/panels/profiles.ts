@@ -23,19 +23,23 @@ export class Profiles {
 
   constructor(private readonly host: ProfilesHost) {}
 
+  /** The layers changed: what is shown is of the former ones until they have their light. */
+  changed(): void {
+    this.host.section.stale(keyOf(this.host.state()) !== this.shown);
+  }
+
   /** Shows the profile of the layers as they are now, soon. */
   want(): void {
-    const scene = bakedPart(toScene(this.host.state()));
-    const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = scene;
-    const key = JSON.stringify(matter);
+    const key = keyOf(this.host.state());
     clearTimeout(this.timer);
     this.asking.abort(); // a late answer would stand for what was undone
     if (key === this.shown) return;
     const { signal } = (this.asking = new AbortController());
     const { section, showing } = this.host;
+    const state = this.host.state();
     this.timer = window.setTimeout(async () => {
       try {
-        const found = await api.profile(scene, { signal });
+        const found = await api.profile(bakedPart(toScene(state)), { signal });
         if (signal.aborted) return;
         this.shown = key;
         this.panel.set(found, showing());
@@ -45,4 +49,10 @@ export class Profiles {
       }
     }, REST_MS);
   }
+}
+
+/** What a profile depends on. */
+function keyOf(state: State): string {
+  const { mesh: _mesh, atlas: _atlas, lights: _lights, seed: _seed, ...matter } = bakedPart(toScene(state));
+  return JSON.stringify(matter);
 }

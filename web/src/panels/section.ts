@@ -29,7 +29,13 @@ export class CrossSection {
 
   setProfile(profile: Profile | null): void {
     this.profile = profile;
+    this.stale(false);
     this.draw(this.layers);
+  }
+
+  /** The reach shown is of other layers. */
+  stale(yes: boolean): void {
+    this.element.classList.toggle("stale", yes);
   }
 
   draw(layers: Layer[]): void {

@@ -14,6 +14,9 @@ const MM2_PER_M2 = 1e6;
 export interface Look {
   light: Texture;
   scale: number;
+  /** The service's picture of this view, and how much of it is shown. */
+  march: Texture;
+  marched: number;
   maps: Record<MapName, Texture | null>;
   roughness: number;
   specular: number;
@@ -42,6 +45,8 @@ export function newLook(): Look {
   return {
     light: blank,
     scale: 1,
+    march: blank,
+    marched: 0,
     maps: { albedo: null, roughnessMap: null, specularMap: null, normalMap: null },
     roughness: 0.4,
     specular: 1,
@@ -88,6 +93,7 @@ export const surfaceUniforms = () => ({
   scaleA: uniform(1),
   scaleB: uniform(1),
   albedo: uniform<Texture>(blank),
+  albedoA: uniform<Texture>(blank),
   roughnessMap: uniform<Texture>(blank),
   specularMap: uniform<Texture>(blank),
   normalMap: uniform<Texture>(blank),
@@ -124,10 +130,20 @@ export function lookDefines(look: Look): Record<string, number> & { LIGHTS: numb
   return defines;
 }
 
+/** What B is held against, where their difference is shown; gives the defines that it needs. */
+export function applyOther(look: Look, to: SurfaceUniforms): Record<string, number> {
+  to.lightA.value = look.light;
+  to.scaleA.value = look.scale;
+  to.albedoA.value = look.maps.albedo ?? blank;
+  return look.maps.albedo ? { DIFFERENCE: 1, ALBEDO_A: look.albedoRoot ? 2 : 1, SOURCE: 1 } : { DIFFERENCE: 1 };
+}
+
 /** Puts a look into the uniforms. */
 export function applyLook(look: Look, to: SurfaceUniforms): void {
   to.lightB.value = look.light;
   to.scaleB.value = look.scale;
+  to.march.value = look.march;
+  to.marched.value = look.marched;
   for (const name of Object.keys(look.maps) as MapName[]) to[name].value = look.maps[name] ?? blank;
   for (const name of ["roughness", "specular", "secondLobe", "normalY", "eta", "transmittance"] as const) to[name].value = look[name];
   to.ambient.value.copy(look.ambient);

@@ -1,8 +1,8 @@
 // What the surface shows: baked light on its way out, highlights, exposure and tone map.
 // The same formulas as texsss/view; so turning, glossing and exposing cost the service nothing.
 //
-// Defines, so that a pixel pays for nothing that is not asked for: SHOW, DIFFERENCE, ALBEDO (2: its root),
-// ROUGHNESS_MAP, SPECULAR_MAP, NORMAL_MAP, SOURCE (any of these four), SECOND_LOBE, MARCHED, LIGHTS, SHADOWS,
+// Defines, so that a pixel pays for nothing that is not asked for: SHOW, DIFFERENCE, ALBEDO (2: its root) and that
+// of A, ROUGHNESS_MAP, SPECULAR_MAP, NORMAL_MAP, SOURCE (any of these five), SECOND_LOBE, MARCHED, LIGHTS, SHADOWS,
 // TONEMAP; and QUICK: gloss is given at vertices, for frames that must come soon.
 
 import { DITHER, TONE } from "./tone";
@@ -11,7 +11,7 @@ import { DITHER, TONE } from "./tone";
 export const LIGHTS = 8;
 
 /** What the surface shows, by number. */
-export const SHOWS = { picture: 0, light: 1, data: 2, direction: 3 } as const;
+export const SHOWS = { picture: 0, light: 1, data: 2, direction: 3, grey: 4 } as const;
 
 /** GLSL `placed(position, atlas)`: on the object, or on the sheet it is laid out on. */
 export const SHEET = /* glsl */ `
@@ -144,17 +144,18 @@ uniform float scaleB; // of the image, which may hold fractions
 uniform float dim; // of the picture, while another is on its way
 ${TONE}
 ${DITHER}
+vec3 tinted(vec3 t, int way) { return way == 2 ? sqrt(t) : t; }
 #ifdef ALBEDO
 uniform sampler2D albedo;
-vec3 tint() {
-  vec3 t = texture(albedo, vSource).rgb;
-#if ALBEDO == 2
-  t = sqrt(t);
-#endif
-  return t;
-}
+vec3 tint() { return tinted(texture(albedo, vSource).rgb, ALBEDO); }
 #else
 vec3 tint() { return vec3(1.0); }
+#endif
+#ifdef ALBEDO_A
+uniform sampler2D albedoA;
+vec3 tintA() { return tinted(texture(albedoA, vSource).rgb, ALBEDO_A); }
+#else
+vec3 tintA() { return vec3(1.0); }
 #endif
 
 #ifdef QUICK
@@ -198,8 +199,10 @@ void main() {
   colour = vec4(viridis(inRange(m).g) * (0.82 + 0.18 * c), 1.0);
 #elif SHOW == ${SHOWS.direction}
   colour = vec4(inRange(m), 1.0);
+#elif SHOW == ${SHOWS.grey}
+  colour = vec4(vec3(0.12 + 0.38 * c), 1.0);
 #elif defined(DIFFERENCE)
-  vec3 d = abs(m - texture(lightA, vAtlas).rgb * scaleA) * tint() / PI;
+  vec3 d = abs(m * tint() - texture(lightA, vAtlas).rgb * scaleA * tintA()) / PI;
   colour = vec4(viridis(inRange(vec3(max(d.r, max(d.g, d.b)))).g), 1.0);
 #elif SHOW == ${SHOWS.light}
   colour = vec4(dithered(display(m / PI)), 1.0);

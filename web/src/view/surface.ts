@@ -2,7 +2,7 @@
 
 import { BufferGeometry, type Camera, DoubleSide, GLSL3, Mesh, ShaderMaterial, type WebGLRenderer } from "three";
 import { Gloss } from "./gloss";
-import { applyLook, type Look, lookDefines, sheetUniforms, surfaceUniforms } from "./look";
+import { applyLook, applyOther, type Look, lookDefines, sheetUniforms, surfaceUniforms } from "./look";
 import { Quick } from "./quick";
 import { FRAGMENT, SHOWS, VERTEX } from "./shaders";
 import { Shadows } from "./shadows";
@@ -20,6 +20,7 @@ export class Surface {
   tonemap = 0;
   /** What stands in for the object in quick frames, once it is made. */
   quick: Quick | null = null;
+  private lit = false;
   private making: { cancel(): void } | null = null;
   private gloss: Gloss | null = null; // of the object itself, until it has a stand-in
   private readonly shadows = { A: new Shadows(), B: new Shadows() };
@@ -36,13 +37,19 @@ export class Surface {
     this.quick = null;
     this.making?.cancel();
     this.making = this.gloss = null;
-    this.mesh.visible = false; // until there is light for it
+    this.mesh.visible = this.lit = false; // until there is light for it
+  }
+
+  /** Shows the mesh in plain grey, if it has no light yet; whether that is so. */
+  reveal(): boolean {
+    if (this.geometry && !this.lit) this.mesh.visible = true;
+    return !this.lit;
   }
 
   /** Shows the mesh, which has light now; whether it was unseen. */
   light(): boolean {
-    const unseen = !this.mesh.visible;
-    this.mesh.visible = this.geometry !== null;
+    const unseen = !this.lit;
+    this.mesh.visible = this.lit = this.geometry !== null;
     return unseen;
   }
 
@@ -61,16 +68,17 @@ export class Surface {
   }
 
   /** Puts a side's look on the mesh, as `camera` will see it. */
-  dress(renderer: WebGLRenderer, camera: Camera, side: "A" | "B", look: Look, quickly: boolean): void {
+  dress(renderer: WebGLRenderer, camera: Camera, side: "A" | "B", looks: Record<"A" | "B", Look>, quickly: boolean): void {
     const { geometry, mesh } = this;
+    const look = looks[side];
     if (!geometry) return;
     const flat = this.sheet.unfold.value > 0;
-    const plain = this.show === "picture" && !this.difference;
-    const marched = plain && this.uniforms.marched.value > 0;
+    const plain = this.lit && this.show === "picture" && !this.difference;
+    const marched = plain && look.marched > 0;
     const shadows = this.shadows[side];
-    const defines: Record<string, number> & { LIGHTS: number } = { ...lookDefines(look), TONEMAP: this.tonemap, SHOW: SHOWS[this.show] };
+    const defines: Record<string, number> & { LIGHTS: number } = { ...lookDefines(look), TONEMAP: this.tonemap, SHOW: SHOWS[this.lit ? this.show : "grey"] };
     applyLook(look, this.uniforms);
-    if (this.difference) defines.DIFFERENCE = 1;
+    if (this.difference) Object.assign(defines, applyOther(looks.A, this.uniforms));
     if (marched) defines.MARCHED = 1;
     const few = quickly ? this.quick : null;
     if (quickly && plain && !marched && !flat) {

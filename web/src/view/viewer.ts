@@ -19,6 +19,7 @@ export interface ViewerEvents extends OrbitEvents {
 }
 
 const MOST_PIXELS_PER_PIXEL = 2;
+const PATIENCE_MS = 1200; // before a mesh is shown that has no light yet
 
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
@@ -35,6 +36,7 @@ export class Viewer {
   private readonly pace: Pace;
   private readonly calls: Partial<Record<`${"A" | "B"} ${MapName}`, number>> = {};
   private splitAt: number | null = null;
+  private bare = 0; // the timer of a mesh that has no light yet
   private share = 0; // of the pixels along an edge, in the buffers as they are
 
   constructor(
@@ -104,26 +106,20 @@ export class Viewer {
     this.sharpen(quickly ? this.pace.share : 1);
     this.backdrop.quick.value = quickly;
     const side = (name: "A" | "B") => {
-      surface.dress(renderer, this.camera, name, this.looks[name], quickly);
+      surface.dress(renderer, this.camera, name, this.looks, quickly);
       renderer.render(this.scene, this.camera);
     };
     if (this.splitAt === null || surface.difference) {
-      this.uniforms.lightA.value = this.looks.A.light;
-      this.uniforms.scaleA.value = this.looks.A.scale;
       side("B");
       return;
     }
     const { clientWidth: width, clientHeight: height } = this.frame;
     const left = Math.round(width * this.splitAt);
-    const { marched } = this.uniforms;
-    const blend = marched.value;
     const only = (x: number, wide: number) => renderer.setScissor(x, 0, wide, height);
     renderer.setScissorTest(true);
     only(0, left);
-    marched.value = 0;
     side("A");
     only(left, width - left);
-    marched.value = blend;
     side("B");
     renderer.setScissorTest(false);
   }
@@ -135,6 +131,8 @@ export class Viewer {
 
   setGeometry(geometry: BufferGeometry): void {
     this.surface.setGeometry(geometry);
+    clearTimeout(this.bare);
+    this.bare = window.setTimeout(() => this.surface.reveal() && this.redraw(), PATIENCE_MS);
     this.orbit.reach(this.radius);
     this.showSeams(this.cuts.lines.visible);
   }
@@ -187,12 +185,11 @@ export class Viewer {
     this.redraw(side === "B" && this.surface.light());
   }
 
-  /** A coded image, or none, as a map of the surface; of two calls the later counts. */
-  async setMap(side: "A" | "B", name: MapName, coded: Blob | null, srgb: boolean): Promise<void> {
+  /** Makes a coded image, or none, ready as a map of the surface; the answer puts it on, of two calls the later's. */
+  async setMap(side: "A" | "B", name: MapName, coded: Blob | null, srgb: boolean): Promise<() => void> {
     const call = this.count(side, name);
     const texture = coded && (await mapOf(coded, srgb, this.pace.slow));
-    if (call === this.calls[`${side} ${name}`]) this.wear(side, name, texture);
-    else texture?.dispose();
+    return () => (call === this.calls[`${side} ${name}`] ? this.wear(side, name, texture) : texture?.dispose());
   }
 
   /** A wears a map of B. */
@@ -254,14 +251,14 @@ export class Viewer {
   }
 
   /** The service's picture of this view, and how much of it is shown. */
-  setMarch(texture: Texture): void {
-    discard(this.uniforms.march.value, texture);
-    this.uniforms.march.value = texture;
+  setMarch(side: "A" | "B", texture: Texture): void {
+    discard(this.looks[side].march, texture);
+    this.looks[side].march = texture;
     this.redraw();
   }
 
-  setMarched(share: number): void {
-    this.uniforms.marched.value = share;
+  setMarched(side: "A" | "B", share: number): void {
+    this.looks[side].marched = share;
     this.redraw();
   }
 
