@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "beneath": ROOMS | {"cache", "hierarchy", "look", "specs"},
     "diffusing": ROOMS | {"cache", "beneath"},
     "pipeline": ROOMS | {"placing", "look", "cache", "diffusing", "result", "report"},
-    "intermediates": ROOMS | {"specs", "pipeline", "placing"},
+    "intermediates": ROOMS | {"specs", "pipeline", "placing", "methods"},
     "showing": ROOMS | {"specs", "pipeline", "placing"},
     "curve": ROOMS | {"pipeline", "resolve"},
     "inspection": ROOMS | {"pipeline", "curve"},

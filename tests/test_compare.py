@@ -32,6 +32,19 @@ def test_methods_are_what_they_say(small):  # noqa: F811
     assert asked(scene, "march-exact").methods.single_scattering == "exact"
     assert asked(scene, "march-uniform").methods.diffusion == "surface"
     assert asked(scene, "uv").methods.rule == "entry"
+    with pytest.raises(DomainError, match="names none"):
+        asked(scene, "parallax")
+
+
+def test_all_are_lit_alike(small):  # noqa: F811
+    """One method that knows no light from other parts has all do without; operators are nobody's seconds."""
+    scene = plain(small, interreflection=1, octree={"spacing_mm": 3.0})
+    found = compare(scene, ("octree", "surface"))
+    without = compare(plain(small, octree={"spacing_mm": 3.0}), ("surface",))
+    torch.testing.assert_close(found.pictures[1], without.pictures[0])
+    assert found.alone and "send each other" in found.markdown() and not without.alone
+    assert found.operators_s > 0 and "Operators of the surface" in found.markdown()
+    assert not compare(scene, ("uv", "none")).alone
 
 
 def test_files_are_a_table_numbers_and_a_sheet(small, tmp_path):  # noqa: F811

@@ -38,6 +38,8 @@ def test_gaussians_get_smoother(small):  # noqa: F811
     baker, scene = Baker(), plain(small, diffusion="surface")
     spread = [float(baker.intermediate(scene, f"gaussian-{k}").std()) for k in (1, 4, 8)]
     assert spread == sorted(spread, reverse=True)
+    with pytest.raises(DomainError, match="blurs no light"):
+        baker.intermediate(plain(small, diffusion="octree"), "gaussian-1")
 
 
 def test_unknown_names_list_the_choices(small):  # noqa: F811

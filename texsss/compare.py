@@ -17,7 +17,7 @@ from texsss.result import staging
 from texsss.scene import Scene
 from texsss.types import Cancel, Float, Progress, Tensor
 
-METHODS = ("none", "uv", "surface", "octree", "poisson", "march-uniform", "march-exact")
+METHODS = ("none", "uv", "surface", "octree", "poisson", "parallax", "march-uniform", "march-exact")
 DEFAULT = ("none", "poisson", "uv", "surface", "octree")
 THROUGH = "+through"
 FILES = ("compare.md", "compare.json", "compare.png")
@@ -43,13 +43,19 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What `compare` found; pictures (h, w, 3) are linear, over a black background."""
+    """What `compare` found; pictures (h, w, 3) are linear, over a black background.
+
+    `operators_s`: what carrying light over the surface took to make, once; no method's seconds hold it.
+    `alone`: whether parts that light each other were left out of all, since one method does not know them.
+    """
 
     scene: Scene
     reference: str
     rows: tuple[Row, ...]
     pictures: tuple[Float[Tensor, "h w 3"], ...]
     display: tuple[Float[Tensor, "h w 3"], ...]
+    operators_s: float = 0.0
+    alone: bool = False
 
     def markdown(self) -> str:
         """The table."""
@@ -66,6 +72,10 @@ class Comparison:
                 f"| {row.method} | {row.bake_s:.2f} | {row.picture_s:.2f} | {row.rmse:.2%} | {psnr} "
                 f"| {row.mean:.3f} |"
             )
+        if self.operators_s:
+            lines += ["", f"Operators of the surface, made once before: {self.operators_s:.2f} s."]
+        if self.alone:
+            lines += ["", "Without the light that parts send each other, which not all of these know."]
         return "\n".join(lines) + "\n"
 
     def sheet(self) -> Float[Tensor, "H W 3"]:
@@ -99,6 +109,8 @@ class Comparison:
         found = {
             "reference": self.reference,
             "methods": [vars(row) for row in self.rows],
+            "operators_s": self.operators_s,
+            "without_interreflection": self.alone,
             "threads": torch.get_num_threads(),
             "scene": self.scene.model_dump(mode="json"),
         }
@@ -122,9 +134,16 @@ def compare(
 
     A method is a diffusion, or march-uniform or march-exact (single scattering marched over `surface`);
     "+through" behind it adds light from the far side. Errors are to `reference`: octree, the last one with
-    it, if left out, or else the first. What methods share is made before anything is timed.
-    Raises DomainError: when a method or the reference is unknown, or named twice; else as a bake.
+    it, if left out, or else the first. What methods share is made before anything is timed. Parts light
+    each other in none, if one of the methods does not know how.
+    Raises DomainError: when a method or the reference is unknown, or named twice, or nothing lies beneath
+    the surface for parallax; else as a bake.
     """
+    lit, alone = scene.methods, any(name.removesuffix(THROUGH) in ALONE for name in methods)
+    if alone:
+        lit = lit.model_copy(update={"interreflection": 0, "angular": False})
+    alone = alone and lit != scene.methods
+    scene, given = scene.model_copy(update={"methods": lit}), scene
     scenes = {}
     for name in methods:
         if name in scenes:
@@ -140,20 +159,22 @@ def compare(
     # mesh, atlas, light and rays are made once, and left out of the seconds
     shared = asked(scene, "none")
     _ = baker.bake(shared, **hooks).picture
-    pictures, display, seconds = [], [], []
+    pictures, display, seconds, operators_s = [], [], [], 0.0
     for name in methods:
         begin = time.perf_counter()
         baked = baker.bake(scenes[name], **hooks)
         middle = time.perf_counter()
+        operators = baked.report["seconds"].get("operators", 0.0)
+        operators_s += operators
         pictures.append(baked.picture.detach())
-        seconds.append((middle - begin, time.perf_counter() - middle))
+        seconds.append((middle - begin - operators, time.perf_counter() - middle))
         display.append(baked.encode(pictures[-1]).clamp(0, 1))
     number = methods.index(reference)
     rows = tuple(
         _row(name, seconds[i], (pictures[i], pictures[number]), (display[i], display[number]))
         for i, name in enumerate(methods)
     )
-    return Comparison(scene, reference, rows, tuple(pictures), tuple(display))
+    return Comparison(given, reference, rows, tuple(pictures), tuple(display), operators_s, alone)
 
 
 def asked(scene: Scene, name: str) -> Scene:
@@ -168,6 +189,11 @@ def asked(scene: Scene, name: str) -> Scene:
     change = {"single_scattering": "none"} | change | {"transmission": name.endswith(THROUGH)}
     if method in ALONE:
         change |= {"interreflection": 0, "angular": False}
+    if method == "parallax" and not scene.methods.parallax.layers:
+        raise DomainError(
+            "compare: parallax shows textures beneath the surface, and methods.parallax.layers names none; "
+            "add one, or leave parallax out."
+        )
     return scene.model_copy(
         update={
             "methods": scene.methods.model_copy(update=change),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import torch
 
 from texsss.errors import DomainError
+from texsss.methods import ALONE
 from texsss.numerics.sampling import bilinear
 from texsss.pipeline import Run
 from texsss.specs import INTERMEDIATES
@@ -25,8 +26,8 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
     coverage: 1 on the surface; gaussian-N: lights blurred by the N-th Gaussian [W/m²]; weight-N: its
     share; thickness-N: of the N-th layer [mm], 0 where it has no end. `single` alone lies over the
     picture: radiance of light that was scattered once.
-    Raises DomainError: for another name, more Gaussians or layers than there are, or `single` of a scene
-    that does not march.
+    Raises DomainError: for another name, more Gaussians or layers than there are, a Gaussian where the
+    diffusion has none, or `single` of a scene that does not march.
     """
     if not re.fullmatch(INTERMEDIATES, name):
         raise DomainError(
@@ -43,7 +44,12 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
 
 
 def _numbered(run: Run, kind: str, number: int) -> Float[Tensor, "P 3"]:
-    count = len(run.variances)
+    count, diffusion = len(run.variances), run.scene.methods.diffusion
+    if diffusion in ALONE and kind == "gaussian":
+        raise DomainError(
+            f"intermediate: diffusion {diffusion!r} blurs no light by Gaussians; "
+            "choose surface or uv to see them."
+        )
     if number > count:
         raise DomainError(
             f"intermediate: this scene has {count} Gaussians, got number {number}; raise methods.terms."

@@ -90,7 +90,7 @@ export const ALONE: Methods["diffusion"][] = ["octree", "parallax"];
 export function toScene(state: State): Omit<Scene, "camera"> {
   const { layers, surface, ...rest } = structuredClone(state);
   if (rest.methods.diffusion === "parallax" && !rest.methods.parallax?.layers.length) rest.methods.diffusion = "none"; // yet
-  if (ALONE.includes(rest.methods.diffusion)) rest.methods.interreflection = 0;
+  if (ALONE.includes(rest.methods.diffusion)) Object.assign(rest.methods, { interreflection: 0, angular: false });
   const heard = layers.filter((layer) => !layer.muted);
   const media: Record<string, MediumSpec> = {};
   for (const [name, medium] of Object.entries(state.media)) {
