@@ -86,6 +86,8 @@ export interface Methods {
   transmission?: boolean;
   /** How often light that left one part of the object lights others. */
   interreflection?: number;
+  /** Beside a march, other light enters and leaves by its angle. */
+  angular?: boolean;
   octree?: { epsilon: number };
   poisson?: { taps: number; passes: number; reduction: number };
   march?: { noise: number; noise_uv: number; deepest_mm: number | null };

@@ -77,6 +77,7 @@ export class MethodPanel {
         this.part("march", MARCH, "noise", uniform, { label: "Noise of the start", unit: "steps", hint: "Each point starts elsewhere within a step, which hides the steps", min: 0, max: 1 }),
         this.part("march", MARCH, "noise_uv", marched, { label: "Noise of the maps", unit: "uv", hint: "How far from its place each point reads the thickness maps", min: 0, max: 0.1, limits: [0, 1] }),
         this.deepest(marched),
+        this.byAngle((methods) => marched(methods) && !ALONE.includes(methods.diffusion)),
       ),
     );
     this.sync();
@@ -117,6 +118,16 @@ export class MethodPanel {
       get: (state) => state.methods.transmission ?? false,
       set: (state, value) => void (state.methods.transmission = value),
     }));
+  }
+
+  private byAngle(where: (methods: Methods) => boolean): HTMLElement {
+    const look = {
+      label: "The rest enters and leaves by its angle",
+      hint: "What was scattered more than once leaves a little less at grazing views than even light would",
+      get: (state: State) => state.methods.angular ?? false,
+      set: (state: State, value: boolean) => void (state.methods.angular = value),
+    };
+    return this.keep(check(this.store, look), where);
   }
 
   private deepest(marched: (methods: Methods) => boolean): HTMLElement {
