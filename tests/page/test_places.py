@@ -209,6 +209,9 @@ def test_looks_inside(visit):
     settle(page, lambda: page.get_by_label("Show", exact=True).select_option("picture"))
     rows = page.locator(".numbers tbody tr")
     assert rows.count() == 7 and "Mean free path" in rows.first.inner_text()
+    page.get_by_text("The Gaussians of its sum").click()
+    sums = page.locator(".gaussians tbody tr").filter(visible=True)
+    assert sums.count() == state(page)["methods"]["terms"] and len(sums.first.locator("th, td").all()) == 5
 
 
 def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
@@ -218,6 +221,8 @@ def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
     until(page, "texsss.viewer.looks.B.marched === 1")
     alone = pixels(page)
     assert state(page)["methods"]["single_scattering"] == "none"
+    assert "W/(m² sr)" in page.locator("#overlay > .legend").inner_text()
+    assert "marched in" in page.locator("#badge").inner_text()
     page.get_by_label("Show", exact=True).select_option("picture")
     until(page, "texsss.viewer.looks.B.marched === 0")
     assert abs(pixels(page) - alone).mean() > 2

@@ -19,6 +19,8 @@ export interface Badge {
   state: "busy" | "draft" | "final" | "failed" | "stopped";
   texels: number;
   ms: number;
+  /** Milliseconds per stage that ran, where the service says. */
+  took?: [string, number][];
   stage?: string;
   fraction?: number;
 }
@@ -228,18 +230,21 @@ export class Live {
       this.events.badge?.({ state: "busy", texels: size, ms: performance.now() - start, stage, fraction });
     if (!known) progress("light", 0);
     const options = { signal: abort.signal, client: draft && known ? this.client : undefined, progress: known ? undefined : progress };
+    let took: Badge["took"];
     const coded = draft && this.bound > 0 && this.image === "diffused";
     if (coded) {
       const brighter = Math.max(1, powerOfAll(scene.lights) / Math.max(this.power, 1e-12));
       const exposure_ev = -Math.ceil(2 * Math.log2(this.bound * brighter * HEADROOM)) / 2;
       const body = { ...sized, output: { exposure_ev, tonemap: "linear" } };
       const response = await api.image(body, this.image, { ...options, accept: "image/jpeg" });
+      took = timing(response);
       const texture = await fromBlob(await response.blob(), true);
       texture.userData.scale = 2 ** -exposure_ev;
       this.wear(scene);
       this.events.light(texture, null);
     } else {
       const response = await api.image(sized, this.image, { ...options, accept: NPY });
+      took = timing(response);
       const image = parseNpy(await response.arrayBuffer());
       this.bound = Math.max(rangeOf(image).high, 1e-6);
       this.power = powerOfAll(scene.lights);
@@ -251,7 +256,7 @@ export class Live {
     this.grounds.add(ground);
     this.grounds.add(groundOf(scene));
     const ms = performance.now() - start;
-    this.events.badge?.({ state: draft ? "draft" : "final", texels: size, ms });
+    this.events.badge?.({ state: draft ? "draft" : "final", texels: size, ms, took });
     this.events.online?.(true);
   }
 
@@ -305,6 +310,10 @@ export class Live {
     if (this.wanted && this.key(this.wanted) === this.lit) for (const kind of this.ready.keys()) this.put(kind);
   }
 }
+
+/** What stages took, of a header Server-Timing. */
+const timing = (response: Response): [string, number][] =>
+  [...(response.headers.get("server-timing") ?? "").matchAll(/([\w-]+);dur=([\d.]+)/g)].map(([, stage, ms]) => [stage, Number(ms)]);
 
 const powerOfAll = (lights: Scene["lights"]): number => lights.reduce((sum, light) => sum + Math.max(...powerOf(light)), 0);
 

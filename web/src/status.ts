@@ -54,7 +54,9 @@ export class Status {
     this.lit ||= badge.state === "draft" || badge.state === "final";
     const said = { failed: this.lit ? "no new picture: this one is of before" : "no picture", stopped: "stopped: change something to go on" }[badge.state as string] ?? `${badge.texels}² · ${Math.round(badge.ms)} ms`;
     this.badge.replaceChildren(dot(), said, badge.state === "draft" ? h("span", { class: "tag" }, "draft") : "", this.marched);
-    this.badge.title = badge.state === "draft" ? "A draft: the whole follows when things rest" : "Texels of the light map, and how long the service took";
+    const what = badge.state === "draft" ? "A draft: the whole follows when things rest" : "Texels of the light map, and how long it took";
+    const stages = badge.took?.map(([stage, ms]) => `${STAGES[stage] ?? stage}: ${Math.round(ms)} ms`) ?? [];
+    this.badge.title = [what, ...stages].join("\n");
   }
 
   /** What went on besides the picture is over. */

@@ -128,7 +128,8 @@ export class InsidePanel {
     this.asked = this.number.valueAsNumber;
     this.sync();
     const { stop } = this;
-    this.legend.hidden = true;
+    this.legend.hidden = stop.key !== "single";
+    if (stop.key === "single") this.legend.replaceChildren(h("strong", null, stop.name), h("p", null, "Radiance [W/(m² sr)], by exposure and tone map as in the picture; dim until it is marched"));
     this.host.viewer.setShow(stop.show);
     this.host.viewer.setDim(stop.key === "single" ? WAITING : 1);
     this.host.single(stop.key === "single");

@@ -4,6 +4,7 @@ import { api } from "../api";
 import { bakedPart } from "../parts";
 import { type State, toScene } from "../state";
 import type { Showing } from "../types";
+import { GaussiansTable } from "./gaussians";
 import { ProfilePanel } from "./profile";
 import type { CrossSection } from "./section";
 
@@ -17,11 +18,14 @@ export interface ProfilesHost {
 
 export class Profiles {
   readonly panel = new ProfilePanel();
+  private readonly gaussians = new GaussiansTable();
   private shown = "";
   private timer = 0;
   private asking = new AbortController();
 
-  constructor(private readonly host: ProfilesHost) {}
+  constructor(private readonly host: ProfilesHost) {
+    this.panel.element.append(this.gaussians.element);
+  }
 
   /** The layers changed: what is shown is of the former ones until they have their light. */
   changed(): void {
@@ -43,6 +47,7 @@ export class Profiles {
         if (signal.aborted) return;
         this.shown = key;
         this.panel.set(found, showing());
+        this.gaussians.set(found);
         section.setProfile(found);
       } catch {
         if (!signal.aborted) section.setProfile(null); // the picture's own request tells why
