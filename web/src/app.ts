@@ -140,7 +140,7 @@ export class App {
       viewer,
       state: (side) => (side === "B" ? store.state : (this.compare?.shown ?? null)),
       pose: () => viewer.orbit.pose,
-      allowed: () => ["picture", "single"].includes(this.inside.key) && viewer.unfolded === 0 && this.framed !== "",
+      allowed: () => ["picture", "single"].includes(this.inside.key) && viewer.unfolded === 0 && this.framed === JSON.stringify(store.state.mesh.source), // not another mesh over this one
       editing: () => store.editing,
       reducedMotion,
       said: (text, going) => this.status.march(text, going),
