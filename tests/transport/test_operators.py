@@ -247,5 +247,9 @@ def test_bad_variances_and_cancelling_are_said():
     texels = ball(16)
     with pytest.raises(DomainError, match="variances of 0 or more"):
         surface_operators(texels, torch.tensor([float("nan")]))
+    thin = Mesh(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
+    between = rasterise(thin, torch.tensor([[[0.01, 0.01], [0.02, 0.01], [0.01, 0.02]]]), (8, 8))
+    with pytest.raises(DomainError, match="larger atlas"):
+        surface_operators(between, torch.tensor([1.0]))
     with pytest.raises(Cancelled):
         surface_operators(texels, LADDER, cancel=lambda: True)

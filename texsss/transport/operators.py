@@ -168,11 +168,16 @@ def surface_operators(
     Distances are straight lines in 3-D, so light crosses seams and thin parts. Gutter texels have no area:
     they get what the surface has at their place. Constants stay; Σ M dA is kept but for some .1 %.
     Variances far below a texel² are the identity.
-    Raises DomainError: when a variance is negative or not finite; Cancelled.
+    Raises DomainError: when a variance is negative or not finite, or no texel lies on the surface; Cancelled.
     """
     if not bool((torch.isfinite(variances) & (variances >= 0)).all()):
         raise DomainError(
             f"surface_operators: expected variances of 0 or more, got {variances.tolist()}; in mm²."
+        )
+    if not texels.covered_count:
+        raise DomainError(
+            "surface_operators: expected texels on the surface, got none: its charts lie between the centres of "
+            "texels; take a larger atlas."
         )
     ladder = sorted({float(v) for v in variances if v > 0})
     builder = _Builder(texels, len(ladder), progress, cancel)
