@@ -176,8 +176,8 @@ def surface_operators(
         )
     if not texels.covered_count:
         raise DomainError(
-            "surface_operators: expected texels on the surface, got none: its charts lie between the centres of "
-            "texels; take a larger atlas."
+            "surface_operators: expected texels on the surface, got none, as its charts lie between their "
+            "centres; take a larger atlas."
         )
     ladder = sorted({float(v) for v in variances if v > 0})
     builder = _Builder(texels, len(ladder), progress, cancel)
