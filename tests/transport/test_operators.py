@@ -208,6 +208,25 @@ def test_what_does_not_fit_goes_along_uv_with_a_notice():
     assert torch.equal(nothing, diffuse_uv(values, texels, LADDER[1:]))
 
 
+def test_sheets_that_lie_together_are_foretold():
+    """16 of them, .05 mm apart: each texel has sixteen times the neighbours of one alone."""
+
+    def leaves(apart: float) -> TexelMaps:
+        corner = torch.tensor([[0.0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]])
+        half = torch.tensor([[0, 1, 2], [0, 2, 3]])
+        places = [corner + torch.tensor([0, 0, apart * k]) for k in range(16)]
+        uv = [(corner[half][..., :2] / 125 + 0.1 + torch.tensor([k % 4, k // 4])) / 4 for k in range(16)]
+        faces = torch.cat([half + 4 * k for k in range(16)])
+        return rasterise(Mesh(torch.cat(places), faces), torch.cat(uv), (64, 64))
+
+    alone, together = leaves(1000.0), leaves(0.05)
+    variances = torch.tensor([(1.4 * alone.texel_mm) ** 2])
+    enough = 8 * surface_operators(alone, variances).bytes  # what making takes included
+    assert affordable(alone, variances, enough).all()
+    assert not affordable(together, variances, enough).any()
+    assert not affordable(together, variances, surface_operators(together, variances).bytes).any()
+
+
 def doubtful(name: str) -> TexelMaps:
     """Surfaces that no author would want, each in the atlas of `square`'s two faces, or of random ones."""
     generator = torch.Generator().manual_seed(0)

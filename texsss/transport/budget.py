@@ -21,6 +21,7 @@ WAY = 16  # of a point to the next lattice
 NODE = 76  # of a lattice with one Gaussian
 SHARE = 8  # of a texel per Gaussian over lattices
 MAKING_LATTICE, MAKING_NODE = 100, 80  # of a texel and of a node, while they are made
+ASKED = 32  # texels that are asked how many others are near
 TEXEL = 64  # places, normals and areas, while anything is made
 
 
@@ -31,10 +32,13 @@ def affordable(
 
     Seams show the more the wider the Gaussian. Variances of 0 cost nothing. An upper bound for evenly
     sized texels, what building takes included: pairs of a kernel are gone before there are lattices.
+    Where sheets lie together, or texels at one place, some of them tell how many are within reach.
     """
     count, texel = max(texels.covered_count, 1), fine_texel(texels)
     mean = float(texels.area.sum()) / count / texel**2  # area of a texel, in fine ones
     left = budget_bytes - (len(texels) - texels.covered_count) * gutter_bytes
+    narrow = [REACH * float(v) ** 0.5 for v in variances if 0 < float(v) ** 0.5 < LATTICE_FROM * texel]
+    near = dict(zip(narrow, _near(texels, narrow), strict=True))
     kernels, pairs, lattices, making = 0.0, 0.0, 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():
@@ -46,9 +50,22 @@ def affordable(
             lattices += (NODE + WAY) * (first if lattices == 0 else nodes) + SHARE
             making = WAY + MAKING_LATTICE + MAKING_NODE * first
         elif deviation > 0:
-            around = math.pi * (REACH * deviation) ** 2
+            around = max(math.pi * (REACH * deviation) ** 2, near[REACH * float(variances[k]) ** 0.5])
             kernels += KERNEL_TEXEL + KERNEL_ENTRY * around
             pairs = max(pairs, PAIR * CROWDED * around)
         taken = TEXEL + kernels + max(pairs, lattices + making) if deviation > 0 else 0.0
         fits[k] = taken * count <= left
     return fits
+
+
+def _near(texels: TexelMaps, radii: list[float]) -> list[float]:
+    """How many texels lie within each of `radii` [mm] of one, the mean of some."""
+    place = texels.points.position(texels.mesh).detach()[texels.covered]
+    if not radii or not len(place):
+        return [0.0] * len(radii)
+    asked = place[:: math.ceil(len(place) / ASKED)]
+    found = [0] * len(radii)
+    for one in asked:
+        squared = (place - one).square_().sum(1)
+        found = [count + int((squared < radius**2).sum()) for count, radius in zip(found, radii, strict=True)]
+    return [count / len(asked) for count in found]
