@@ -1,7 +1,7 @@
 // The layer stack: a card per layer, from the surface inwards.
 
 import { check, choice, colour, type Control, slider, triple } from "../controls";
-import { h, icon, iconButton, keepFocus } from "../dom";
+import { h, icon, iconButton, keepFocus, plain } from "../dom";
 import { meanFreePath, toColour } from "../material";
 import { RECIPES, SPOKEN } from "../recipes";
 import { coefficients, type Layer, presetLayer, type State } from "../state";
@@ -12,6 +12,8 @@ import { toast } from "../toast";
 import { CrossSection, swatch } from "./section";
 
 const MOST = 8;
+const PAINTED_MM = [0.02, 2] as const; // what black and white are, where nothing says so
+const ADDED_MM = 0.2; // how thick a layer is that is put on top
 
 export interface LayersHost extends MapHost {
   announce(text: string): void;
@@ -71,7 +73,7 @@ export class LayersPanel {
   private addLayer(): void {
     this.open = 0;
     const name = this.store.state.layers.some((layer) => layer.preset === "wholemilk") ? "skin2" : "wholemilk";
-    this.store.edit((state) => void state.layers.unshift(presetLayer(this.presets.get(name)!, 0.2)));
+    this.store.edit((state) => void state.layers.unshift(presetLayer(this.presets.get(name)!, ADDED_MM)));
   }
 
   private show(index: number): void {
@@ -158,6 +160,10 @@ export class LayersPanel {
       const set = (state: State, name: string) =>
         Object.assign(at(state), { ...presetLayer(this.presets.get(name)!, null), thickness_mm: at(state).thickness_mm, thickness_map: at(state).thickness_map });
       body.append(keep(choice(this.store, { label: "Material", choices, pointer: `/material/layers/${heard}/medium`, get: (state) => at(state).preset, set })));
+      const numbers = h("p", { class: "note" });
+      const sync = () => void (numbers.textContent = numbersOf(at(this.store.state)));
+      sync();
+      body.append(keep({ element: numbers, sync }));
     }
     if (layer.by === "colour") {
       body.append(keep(colour(this.store, { label: "Colour", hint: "Of the matter itself, as if nothing were mirrored where light leaves it; beneath a surface it comes back darker (Inside: Comes back)", get: (state) => at(state).colour, set: (state, value) => void (at(state).colour = value) })));
@@ -211,6 +217,7 @@ export class LayersPanel {
             max: 5,
             limits: [0, 1000],
             get: (state) => at(state).thickness_map?.range?.[k] ?? k,
+            initial: () => PAINTED_MM[k],
             set: (state, value) => {
               const painted = at(state).thickness_map;
               if (painted) painted.range = (k === 0 ? [value, painted.range?.[1] ?? 1] : [painted.range?.[0] ?? 0, value]) as [number, number];
@@ -228,7 +235,7 @@ export class LayersPanel {
       return box;
     }
     if (layer.thickness_mm !== null || !last) {
-      box.append(keep(slider(this.store, { label: "Thickness", unit: "mm", min: 0.01, max: 20, limits: [0.0001, 10000], log: true, pointer: `/material/layers/${this.heard(index)}/thickness_mm`, get: (state) => at(state).thickness_mm ?? 1, set: (state, value) => void (at(state).thickness_mm = value), initial })));
+      box.append(keep(slider(this.store, { label: "Thickness", unit: "mm", min: 0.01, max: 20, limits: [0.0001, 10000], log: true, pointer: `/material/layers/${this.heard(index)}/thickness_mm`, get: (state) => at(state).thickness_mm ?? 1, set: (state, value) => void (at(state).thickness_mm = value), initial: () => initial() ?? ADDED_MM })));
     }
     const buttons = h("div", { class: "buttons" });
     if (last) {
@@ -250,7 +257,7 @@ export class LayersPanel {
     if (!name) return;
     this.store.edit((state) => {
       const layer = state.layers.find((one) => JSON.stringify(one) === meant) ?? state.layers[index]; // it may have moved
-      if (layer) layer.thickness_map = { map: name, range: [0.02, layer.thickness_mm ?? 2], invert: false };
+      if (layer) layer.thickness_map = { map: name, range: [PAINTED_MM[0], layer.thickness_mm ?? PAINTED_MM[1]], invert: false };
     });
   }
 
@@ -309,4 +316,10 @@ export class LayersPanel {
 function titleOf(layer: Layer): string {
   const name = layer.by === "preset" ? (SPOKEN[layer.preset] ?? layer.preset) : { colour: "Own colour", coefficients: "Own coefficients", given: "As the scene says" }[layer.by];
   return name;
+}
+
+/** What a layer is made of, in numbers. */
+function numbersOf({ sigma_a, sigma_s, g, eta }: Layer): string {
+  const three = (values: Triple) => values.map(plain).join(" ");
+  return `σₐ ${three(sigma_a)}, σₛ ${three(sigma_s)} per mm (red green blue); g ${plain(g)}, η ${plain(eta)}`;
 }

@@ -7,6 +7,7 @@ import type { Profile, Rings, Showing } from "../types";
 
 const CHANNELS = ["red", "green", "blue"];
 const DECADES = 2000; // from the nearest distance shown to the farthest
+const FAR_OFF = 0.05; // of a profile: a sum of Gaussians that is worth a word
 
 export class ProfilePanel {
   readonly element: HTMLElement;
@@ -95,6 +96,8 @@ export class ProfilePanel {
   /** What is wrong with the scale, in sentences. */
   private warn(profile: Profile, texel: number | null): string[] {
     const said: string[] = [];
+    const off = Math.max(...profile.fit_error);
+    if (off > FAR_OFF) said.push(`The sum of Gaussians is ${plain(Number((100 * off).toPrecision(2)))} % away from the profile: more of them, under Method, come closer.`);
     const most = Math.max(...profile.radius_mm["0.99"]);
     const narrow = CHANNELS.filter((_, k) => texel && profile.radius_mm["0.5"][k] < texel);
     if (texel && narrow.length) {
