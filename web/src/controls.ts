@@ -65,20 +65,7 @@ export function slider(store: Store, options: SliderOptions): Control {
     },
     onblur: () => sync(),
   });
-  const back = h(
-    "button",
-    {
-      type: "button",
-      class: "reset",
-      "aria-label": `Reset ${options.label}`,
-      title: "Reset",
-      onclick: () => {
-        const value = options.initial?.(store.state);
-        if (value !== undefined) store.edit((state) => options.set(state, value));
-      },
-    },
-    icon("reset"),
-  );
+  const back = wayBack(store, options);
   const sync = () => {
     const value = options.get(store.state);
     const position = toPosition(value);
@@ -88,7 +75,7 @@ export function slider(store: Store, options: SliderOptions): Control {
     range.setAttribute("aria-valuetext", `${plain(value)} ${options.unit ?? ""}`.trim());
     if (document.activeElement !== number || !number.value) number.value = plain(value);
     const initial = options.initial?.(store.state);
-    back.hidden = initial === undefined || Math.abs(initial - value) <= 1e-6 * Math.max(Math.abs(initial), 1e-6);
+    back.hidden = initial === undefined || alike(initial, value);
   };
   const label = h("label", { for: id, title: options.hint }, options.label);
   const unit = h("span", { class: "unit" }, options.unit ?? "");
@@ -96,6 +83,17 @@ export function slider(store: Store, options: SliderOptions): Control {
   sync();
   return { element, sync };
 }
+
+/** A button that brings back what a control began with. */
+function wayBack<T>(store: Store, options: { label: string; set(state: State, value: T): void; initial?: (state: State) => T | undefined }): HTMLButtonElement {
+  const act = () => {
+    const value = options.initial?.(store.state);
+    if (value !== undefined) store.edit((state) => options.set(state, value));
+  };
+  return h("button", { type: "button", class: "reset", "aria-label": `Reset ${options.label}`, title: "Reset", onclick: act }, icon("reset"));
+}
+
+const alike = (initial: number, value: number): boolean => Math.abs(initial - value) <= 1e-6 * Math.max(Math.abs(initial), 1e-6);
 
 interface ChoiceOptions<T extends string> {
   label: string;
@@ -172,9 +170,10 @@ interface TripleOptions {
   pointer?: string;
   get(state: State): Triple;
   set(state: State, value: Triple): void;
+  initial?: (state: State) => Triple | undefined;
 }
 
-/** Red, green and blue as numbers. */
+/** Red, green and blue as numbers, and a way back. */
 export function triple(store: Store, options: TripleOptions): Control {
   const names = ["red", "green", "blue"];
   const inputs = names.map((name, k) =>
@@ -197,11 +196,16 @@ export function triple(store: Store, options: TripleOptions): Control {
       },
     }),
   );
-  const sync = () =>
-    options.get(store.state).forEach((value, k) => {
+  const back = wayBack(store, options);
+  const sync = () => {
+    const values = options.get(store.state);
+    values.forEach((value, k) => {
       if (document.activeElement !== inputs[k]) inputs[k].value = plain(value);
     });
-  const legend = h("div", { class: "head" }, h("span", null, options.label), h("span", { class: "unit" }, options.unit));
+    const initial = options.initial?.(store.state);
+    back.hidden = initial === undefined || values.every((value, k) => alike(initial[k], value));
+  };
+  const legend = h("div", { class: "head" }, h("span", null, options.label), back, h("span", { class: "unit" }, options.unit));
   const element = h("div", { class: "control triple", role: "group", "aria-label": options.label }, legend, h("div", { class: "three" }, ...inputs));
   sync();
   return { element, sync };

@@ -175,11 +175,11 @@ export class LayersPanel {
       const label = "Light travels";
       const hint = "Mean free path: how far light goes before it first scatters";
       body.append(keep(slider(this.store, { label, hint, unit: "mm", min: 0.01, max: 20, log: true, get: mean, set: scale, initial: () => mean(this.initialFor(index)) })));
-      body.append(keep(triple(this.store, { label: "per colour", unit: "mm", least: 0.001, get: (state) => at(state).distance_mm, set: (state, value) => void (at(state).distance_mm = value) })));
+      body.append(keep(triple(this.store, { label: "per colour", unit: "mm", least: 0.001, get: (state) => at(state).distance_mm, set: (state, value) => void (at(state).distance_mm = value), initial: (state) => this.known(at(state))?.distance_mm })));
     }
     if (layer.by === "coefficients") {
       const field = (name: "sigma_a" | "sigma_s", label: string) =>
-        keep(triple(this.store, { label, unit: "1/mm", least: 0, pointer: `/media/layer-${heard + 1}/${name}_per_mm`, get: (state) => at(state)[name], set: (state, value) => void (at(state)[name] = value) }));
+        keep(triple(this.store, { label, unit: "1/mm", least: 0, pointer: `/media/layer-${heard + 1}/${name}_per_mm`, get: (state) => at(state)[name], set: (state, value) => void (at(state)[name] = value), initial: (state) => this.known(at(state))?.[name] }));
       body.append(field("sigma_a", "Absorption σₐ"), field("sigma_s", "Scattering σₛ"));
     }
     if (layer.by === "colour" || layer.by === "coefficients") {
@@ -190,6 +190,12 @@ export class LayersPanel {
     }
     body.append(this.thickness(layer, index, keep));
     return body;
+  }
+
+  /** The material that a layer was, before it had numbers of its own. */
+  private known(layer: Layer): Layer | undefined {
+    const preset = this.presets.get(layer.preset);
+    return preset && presetLayer(preset, null);
   }
 
   /** The number of a layer among those that the service hears of. */
