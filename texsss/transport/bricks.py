@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+from torch.nn.functional import pad
 
 from texsss.transport.keys import ascending, has_near, rotated, widened
 from texsss.transport.loops import Scratch, call, products
@@ -73,7 +74,7 @@ class Blur:
         sizes = len(bricks.key), len(first), len(second), first.shape[1], len(self.taps) // 2, count
         where = bricks.start, bricks.place, first, second, last, self.last
         ways = x, x.stride(0), made, made.stride(0), int(added)
-        call(found.bricks_times, *sizes, *where, self.taps, *held, *ways)
+        call(found.bricks_times, *sizes, *where, pad(self.taps, (SIDE, SIDE)), *held, *ways)
         return made
 
     def _plain(self, x: Float[Tensor, "N C"]) -> Float[Tensor, "N C"]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 from texsss.numerics.memory import room
 from texsss.transport.bricks import Blur
@@ -28,48 +29,64 @@ def over(
     x: Float[Tensor, "P C"],
     scale: Float[Tensor, " P"],
     out: Sequence[Float[Tensor, "P C"]],
-    last: Float[Tensor, "W P"] | None,
+    last: Sequence[Float[Tensor, " P"]] | None,
 ) -> None:
     """Put what all Gaussians of the levels make of `x` times `scale`, times `last`, into `out`."""
-    channels = x.shape[1]
-    scratch = Scratch(x)
-    held: list[Tensor] = []  # columns of one level: its own Gaussians, then room for those of wider ones
-    wide, factor = sum(len(level.blurs) for level in levels), scale[None]
+    channels, scratch = x.shape[1], Scratch(x)
+    held: list[Tensor] = []
+    parts, factor = [x], [scale]
     for level in levels:
-        x = level.ways.down([x], factor)
-        factor = None
-        # rows that begin where lines of the cache do
-        columns = room(x, x.shape[0], padded(channels * wide))[:, : channels * wide]
-        wide -= len(level.blurs)
-        for k, own in enumerate(level.blurs):
-            own.times(x, columns[:, channels * k : channels * (k + 1)], scratch)
-        held.append(columns)
-    for finer, level, columns in reversed(list(zip(held, levels[1:], held[1:]))):
-        level.ways.up(columns, [finer[:, finer.shape[1] - columns.shape[1] :]])
-    levels[0].ways.up(held[0], out, last)
+        held.append(level.ways.down(parts, factor))
+        parts, factor = held[-1:], None
+    # of each level: room for what wider Gaussians make, then its own
+    together: Tensor | None = None
+    wide = 0  # Gaussians so far
+    for k, level in reversed(list(enumerate(levels))):
+        columns = room(x, level.ways.nodes, padded(channels * (wide + len(level.blurs))))
+        if together is not None:
+            levels[k + 1].ways.up(together, [columns[:, : together.shape[1]]])
+        for own in level.blurs:
+            own.times(held[k][:, :channels], columns[:, channels * wide : channels * (wide + 1)], scratch)
+            wide += 1
+        together = columns
+    assert together is not None, "there are levels"
+    scales = None if last is None else _widest_first(levels, last)
+    levels[0].ways.up(together, _widest_first(levels, out), scales)
 
 
 def over_transposed(
     levels: tuple[Level, ...],
     parts: Sequence[Float[Tensor, "P C"]],
-    scale: Float[Tensor, "W P"],
+    scale: Sequence[Float[Tensor, " P"]],
     out: Float[Tensor, "P C"],
     last: Float[Tensor, " P"],
 ) -> None:
     """Put the transpose of `over`: the sum of what Gaussians make of parts, times `last`, into `out`."""
-    channels, held, factor, scratch = parts[0].shape[1], [], scale, Scratch(parts[0])
+    channels, scratch = out.shape[1], Scratch(out)
+    wide, held = len(parts), []
+    parts, factor = _widest_first(levels, parts), _widest_first(levels, scale)
     for level in levels:
         x = level.ways.down(parts, factor)
-        factor, own = None, len(level.blurs)
-        made: Tensor | None = None
-        for part, around in zip(x.split(channels, 1), level.blurs, strict=False):
-            made = around.times(part, made, scratch, added=made is not None)
-        held.append(made)
-        parts = [x[:, channels * own :]]
-    together: Tensor | None = held[-1]
-    assert together is not None, "the last level has Gaussians"
-    for level, own in reversed(list(zip(levels[1:], held))):
-        made = level.ways.up(together)
-        assert made is not None, "there is no place for it"
-        together = made if own is None else own.add_(made)
-    levels[0].ways.up(together, [out], last[None])
+        held.append(x)
+        wide -= len(level.blurs)
+        parts, factor = [x[:, : padded(channels * wide)]], None
+    together: Tensor | None = None
+    for k, (level, x) in reversed(list(enumerate(zip(levels, held, strict=True)))):
+        filled = together is not None
+        if together is None:
+            together = room(out, level.ways.nodes, padded(channels))
+        for own in level.blurs:
+            part = x[:, channels * wide : channels * (wide + 1)]
+            own.times(part, together[:, :channels], scratch, added=filled)
+            filled, wide = True, wide + 1
+        if k:
+            together = level.ways.up(together)
+        else:
+            level.ways.up(together, [out], [last])
+
+
+def _widest_first(levels: tuple[Level, ...], of: Sequence[Tensor]) -> list[Tensor]:
+    """What every Gaussian has, in the order of columns: by levels in reverse."""
+    ends = accumulate(len(level.blurs) for level in levels)
+    own = [of[end - len(level.blurs) : end] for level, end in zip(levels, ends, strict=True)]
+    return [one for level in reversed(own) for one in level]

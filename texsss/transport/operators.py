@@ -118,7 +118,7 @@ class _Applied(torch.autograd.Function):
         first = 1 + len(operators.steps)
         if operators.levels:
             wide = [own(number) for number in range(first, 1 + operators.count)]
-            over(operators.levels, lightmap, operators.area, wide, operators.share)
+            over(operators.levels, lightmap, operators.area, wide, list(operators.share))
         fill_gutter(operators.gutter, [copies[k] for number, k in place.items() if number])
         for k, number in enumerate(operators.result):
             if place[number] != k:
@@ -140,7 +140,7 @@ class _Applied(torch.autograd.Function):
         result[covered:] = 0
         if operators.levels:
             wide = [own.new_zeros(own.shape) if part is None else part for part in sent[first:]]
-            over_transposed(operators.levels, wide, operators.share, own, area)
+            over_transposed(operators.levels, wide, list(operators.share), own, area)
         else:
             own.zero_()
         for number, step in enumerate(operators.steps, 1):

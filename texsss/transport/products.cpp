@@ -12,21 +12,19 @@ static inline void corner_weights(const float* beyond, float w[8]) {
 }
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
-typedef float Strip __attribute__((vector_size(4 * STRIP)));
+constexpr int HALF = STRIP / 2;
+typedef uint8_t Bytes __attribute__((vector_size(HALF)));
+typedef int32_t Wholes __attribute__((vector_size(4 * HALF)));
 
-static inline Strip numbers(const uint8_t* whole) {
-#if MASKED
-  return (Strip)_mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i*)whole)));
-#else
-  Strip made;
-  for (int k = 0; k < STRIP; k++) made[k] = float(whole[k]);
-  return made;
-#endif
+static inline Eight numbers(const uint8_t* whole) {
+  Bytes bytes;
+  std::memcpy(&bytes, whole, sizeof bytes);
+  return __builtin_convertvector(__builtin_convertvector(bytes, Wholes), Eight);
 }
 
 // Rows of a strip, times `after`; added to what is there, or not
 template <int C>
-static inline void put_strip(const Strip sum[C], const float* after, int64_t rows, int64_t count, bool added,
+static inline void put_strip(const Eight sum[C][2], const float* after, int64_t rows, int64_t count, bool added,
                              float* y) {
   float own[C][STRIP];
   std::memcpy(own, sum, sizeof own);
@@ -34,49 +32,42 @@ static inline void put_strip(const Strip sum[C], const float* after, int64_t row
     for (int c = 0; c < C; c++) y[r * count + c] = after[r] * own[c][r] + (added ? y[r * count + c] : 0.0f);
 }
 
-#if MASKED
+static inline void put_four(float* y, Four own, bool added) { stored(y, added ? own + loaded<Four>(y) : own); }
+
 // Three planes of sixteen numbers, in threes
-static inline void put_colours(const Strip sum[3], const float* after, bool added, float* y) {
-  alignas(64) static const int32_t FIRST[3][16] = {{0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5},
-                                                   {21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26},
-                                                   {0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0}};
-  alignas(64) static const int32_t THIRD[3][16] = {{0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15},
-                                                   {0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15},
-                                                   {26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31}};
-  const __m512 scale = _mm512_loadu_ps(after);
-  __m512 held[3];
-  for (int c = 0; c < 3; c++) held[c] = _mm512_mul_ps((__m512)sum[c], scale);
-  for (int k = 0; k < 3; k++) {
-    const __m512 two = _mm512_permutex2var_ps(held[0], _mm512_load_si512(FIRST[k]), held[1]);
-    const __m512 all = _mm512_permutex2var_ps(two, _mm512_load_si512(THIRD[k]), held[2]);
-    _mm512_storeu_ps(y + k * STRIP, added ? _mm512_add_ps(all, _mm512_loadu_ps(y + k * STRIP)) : all);
+static inline void put_colours(const Eight sum[3][2], const float* after, bool added, float* y) {
+  for (int half = 0; half < 2; half++) {
+    const Eight scale = loaded<Eight>(after + half * HALF);
+    const Eight r = sum[0][half] * scale, g = sum[1][half] * scale, b = sum[2][half] * scale;
+    for (int k = 0; k < 2; k++, y += 12) {
+      const Four red = k ? high(r) : low(r), green = k ? high(g) : low(g), blue = k ? high(b) : low(b);
+      put_four(y, Four{red[0], green[0], blue[0], red[1]}, added);
+      put_four(y + 4, Four{green[1], blue[1], red[2], green[2]}, added);
+      put_four(y + 8, Four{blue[2], red[3], green[3], blue[3]}, added);
+    }
   }
 }
-#endif
 
 template <int C>
 static void strips_times(int64_t first, int64_t last, int64_t rows, const int32_t* start, const int32_t* distance,
                          const uint8_t* weight, const float* after, int64_t count, bool added, const float* scaled,
                          int64_t plane, float* y) {
   for (int64_t s = first; s < last; s++) {
-    Strip sum[C] = {};
+    Eight sum[C][2] = {};
     const float* here = scaled + STRIP + s * STRIP;
     for (int64_t p = start[s], end = start[s + 1]; p < end; p++) {
-      const Strip w = numbers(weight + p * STRIP);
-      for (int c = 0; c < C; c++) {
-        Strip held;
-        std::memcpy(&held, here + c * plane + distance[p], sizeof held);
-        sum[c] += w * held;
-      }
+      const Eight w[2] = {numbers(weight + p * STRIP), numbers(weight + p * STRIP + HALF)};
+      const float* from = here + distance[p];
+      for (int c = 0; c < C; c++)
+        for (int half = 0; half < 2; half++) sum[c][half] += w[half] * loaded<Eight>(from + c * plane + half * HALF);
     }
     const int64_t left = std::min<int64_t>(STRIP, rows - s * STRIP);
     float* to = y + s * STRIP * count;
-#if MASKED
-    if (C == 3 && count == 3 && left == STRIP) {
-      put_colours(sum, after + s * STRIP, added, to);
-      continue;
-    }
-#endif
+    if constexpr (C == 3)
+      if (count == 3 && left == STRIP) {
+        put_colours(sum, after + s * STRIP, added, to);
+        continue;
+      }
     put_strip<C>(sum, after + s * STRIP, left, count, added, to);
   }
 }
@@ -93,56 +84,63 @@ static inline void ask(int64_t i, const int32_t* cell, const int32_t* corner, co
   for (int k = 0; k < 8; k++) __builtin_prefetch(x + at[k] * pitch);
 }
 
-template <class Some, class Own>
+template <int W, class Own>
 static void some_up(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
-                    const float* x, int64_t pitch, const Some some, const Own& own) {
-  typedef typename Some::T T;
-  const Own parts = own;
+                    const float* x, int64_t pitch, const Own own) {
   for (int64_t i = first; i < last; i++) {
     if (i + AHEAD < last) ask(i + AHEAD, cell, corner, x, pitch);
     const int32_t* at = corner + 8 * int64_t(cell[i]);
     float w[8];
     corner_weights(beyond + 3 * i, w);
-    T near{}, far{};
-    for (int k = 0; k < 4; k++) {
-      near += w[k] * some.load(x + at[k] * pitch);
-      far += w[k + 4] * some.load(x + at[k + 4] * pitch);
+    Row<W> near = Row<W>::load(x + at[0] * pitch).times(w[0]), far = Row<W>::load(x + at[4] * pitch).times(w[4]);
+    for (int k = 1; k < 4; k++) {
+      near.add(w[k], Row<W>::load(x + at[k] * pitch));
+      far.add(w[k + 4], Row<W>::load(x + at[k + 4] * pitch));
     }
-    parts.store(i, near + far, some);
+    near.add(1.0f, far);
+    own.store(i, near);
   }
 }
 
-template <class Some, class Own>
+template <int W, class Own>
 static void some_down(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
-                      float* y, int64_t pitch, const Some some, const Own& own) {
-  typedef typename Some::T T;
-  const Own parts = own;
+                      float* y, int64_t pitch, const Own own) {
   for (int64_t i = first; i < last; i++) {
     if (i + AHEAD < last) ask(i + AHEAD, cell, corner, y, pitch);
     const int32_t* at = corner + 8 * int64_t(cell[i]);
     float w[8];
     corner_weights(beyond + 3 * i, w);
-    const T held = parts.load(i, some);
-    for (int k = 0; k < 8; k++) {  // whole vectors: what is stored by parts is slow to load again
+    const Row<W> held = own.load(i);
+    for (int k = 0; k < 8; k++) {
       float* to = y + at[k] * pitch;
-      T sum;
-      std::memcpy(&sum, to, sizeof sum);
-      sum += w[k] * held;
-      std::memcpy(to, &sum, sizeof sum);
+      Row<W> sum = Row<W>::load(to);
+      sum.add(w[k], held);
+      sum.store(to);
     }
   }
 }
 
-template <class Some>
-static void some_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
-                       int64_t covered, float* copy, int64_t pitch, const Some some) {
-  for (int64_t i = first; i < last; i++) {
-    typename Some::T sum{};
-    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) {
-      __builtin_prefetch(copy + int64_t(column[p + AHEAD < start[last] ? p + AHEAD : p]) * pitch);
-      sum += value[p] * some.load(copy + int64_t(column[p]) * pitch);
+// Means of rows of three columns; a fourth number that is read is the next row's
+static void colour_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
+                         int64_t covered, const int64_t* address, int64_t groups) {
+  for (int64_t i = first; i < last; i++)
+    for (int64_t g = 0; g < groups; g++) {
+      float* copy = (float*)address[g];
+      Four sum{};
+      for (int64_t p = start[i], end = start[i + 1]; p < end; p++)
+        sum += value[p] * loaded<Four>(copy + 3 * int64_t(column[p]));
+      float* to = copy + 3 * (covered + i);
+      for (int c = 0; c < 3; c++) to[c] = sum[c];
     }
-    some.store(copy + (covered + i) * pitch, sum);
+}
+
+// The same of one column
+static void number_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
+                         int64_t covered, float* copy, int64_t pitch) {
+  for (int64_t i = first; i < last; i++) {
+    float sum = 0;
+    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) sum += value[p] * copy[column[p] * pitch];
+    copy[(covered + i) * pitch] = sum;
   }
 }
 
@@ -190,15 +188,15 @@ void kernel_times(int64_t rows, const int32_t* start, const int32_t* distance, c
 }
 
 // A convolution along z, y and x of `count` columns of nodes. Turn by turn: from `bricks` to `first`, `second` and
-// `bricks` again, which `last` names; `near_…`: the `around` bricks from which each is made. `even` and `odd`: room
-// for the bricks in between. Adds to y where `added`.
+// `bricks` again, which `last` names; `near_…`: the `around` bricks from which each is made; `taps` as in Taps. `even`
+// and `odd`: room for the bricks in between. Adds to y where `added`.
 void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_t around, int64_t reach, int64_t count,
                   const int32_t* start, const int8_t* place, const int32_t* near_z, const int32_t* near_y,
-                  const int32_t* near_x, const int32_t* last_of, const float* some_taps, float* even, float* odd,
+                  const int32_t* near_x, const int32_t* last_of, const float* padded_taps, float* even, float* odd,
                   const float* x, int64_t pitch, float* y, int64_t y_pitch, int64_t added, int64_t threads) {
   using namespace bricks;
   const int64_t size = count * NODES;
-  const Taps taps(some_taps, reach);
+  const Taps taps(padded_taps, reach);
   parallel(all, threads, [=](int64_t first, int64_t last) {
     for (int64_t b = first; b < last; b++) {
       float* to = even + b * size;
@@ -207,33 +205,35 @@ void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_
         for (int64_t c = 0; c < count; c++) to[c * NODES + place[n]] = x[n * pitch + c];
     }
   });
-  parallel(first_count, threads, [=, &taps](int64_t first, int64_t last) {
-    for (int64_t b = first; b < last; b++) turned(count, taps, near_z + b * around, even, odd + b * size);
+  parallel(first_count, threads, [=](int64_t first, int64_t last) {
+    for (int64_t b = first; b < last; b++) turned(count, taps, near_z + b * around, even, size, odd + b * size);
   });
-  parallel(second_count, threads, [=, &taps](int64_t first, int64_t last) {
-    for (int64_t b = first; b < last; b++) turned(count, taps, near_y + b * around, odd, even + b * size);
+  parallel(second_count, threads, [=](int64_t first, int64_t last) {
+    for (int64_t b = first; b < last; b++) turned(count, taps, near_y + b * around, odd, size, even + b * size);
   });
-  parallel(all, threads, [=, &taps](int64_t first, int64_t last) {
-    std::vector<float> made(size);
-    for (int64_t b = first; b < last; b++) {
-      turned(count, taps, near_x + b * around, even, made.data());
-      for (int64_t n = start[last_of[b]]; n < start[last_of[b] + 1]; n++)
-        for (int64_t c = 0; c < count; c++) {
-          float* to = y + n * y_pitch + c;
-          *to = made[c * NODES + place[n]] + (added ? *to : 0.0f);
-        }
-    }
+  parallel(all, threads, [=](int64_t first, int64_t last) {
+    float made[3 * NODES];
+    for (int64_t b = first; b < last; b++)
+      for (int64_t c = 0; c < count; c += 3) {
+        const int64_t some = std::min<int64_t>(3, count - c);
+        turned(some, taps, near_x + b * around, even + c * NODES, size, made);
+        for (int64_t n = start[last_of[b]]; n < start[last_of[b] + 1]; n++)
+          for (int64_t k = 0; k < some; k++) {
+            float* to = y + n * y_pitch + c + k;
+            *to = made[k * NODES + place[n]] + (added ? *to : 0.0f);
+          }
+      }
   });
 }
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
 void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
-             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale,
-             int64_t threads) {
-  const Groups out{address, groups, each, pitch, count, scale};
-  parallel(count, threads, [=](int64_t first, int64_t last) {
-    laid(out, [=](auto some, int64_t c, const auto& parts) {
-      some_up(first, last, cell, beyond, corner, x + c, x_pitch, some, parts);
+             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
+             const int64_t* scale, int64_t threads) {
+  const Groups out{address, scale, groups, each, pitch};
+  parallel(count, threads, [=](int64_t from, int64_t to) {
+    laid(out, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
+      some_up<decltype(width)::value>(first, last, cell, beyond, corner, x + c, x_pitch, rows);
     });
   });
 }
@@ -241,14 +241,14 @@ void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int3
 // The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the points, as
 // many to each, would add to at once: row `nodes` + i belongs to `twin`[i].
 void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
-               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const float* scale, int64_t nodes,
-               int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
-  const Groups in{address, groups, each, pitch, count, scale};
-  parallel((count + some_points - 1) / some_points, threads, [=](int64_t first, int64_t last) {
-    last = std::min(count, last * some_points), first *= some_points;
-    laid(in, [=](auto some, int64_t c, const auto& parts) {
-      some_down(first, last, cell, beyond, corner, y + c, y_pitch, some, parts);
-    });
+               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const int64_t* scale,
+               int64_t nodes, int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
+  const Groups in{address, scale, groups, each, pitch};
+  parallel((count + some_points - 1) / some_points, threads, [=](int64_t from, int64_t to) {
+    laid(in, from * some_points, std::min(count, to * some_points),
+         [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
+           some_down<decltype(width)::value>(first, last, cell, beyond, corner, y + c, y_pitch, rows);
+         });
   });
   for (int64_t i = 0; i < twins; i++)
     for (int64_t c = 0; c < y_pitch; c++) y[twin[i] * y_pitch + c] += y[(nodes + i) * y_pitch + c];
@@ -258,10 +258,10 @@ void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const fl
 void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
                   const int64_t* address, int64_t groups, int64_t each, int64_t threads) {
   parallel(rows, threads, [=](int64_t first, int64_t last) {
+    if (each == 3) return colour_means(first, last, start, column, value, covered, address, groups);
     for (int64_t g = 0; g < groups; g++)
-      blocks(each, [=](auto some, int64_t c) {
-        some_means(first, last, start, column, value, covered, (float*)address[g] + c, each, some);
-      });
+      for (int64_t c = 0; c < each; c++)
+        number_means(first, last, start, column, value, covered, (float*)address[g] + c, each);
   });
 }
 

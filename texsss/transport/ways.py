@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import torch
+from torch.nn.functional import pad
 
 from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
@@ -41,45 +42,58 @@ class Ways:
         self,
         x: Float[Tensor, "N D"],
         out: Sequence[Float[Tensor, "P C"]] | None = None,
-        scale: Float[Tensor, "groups P"] | None = None,
+        scale: Sequence[Float[Tensor, " P"]] | None = None,
     ) -> Float[Tensor, "P D"] | None:
         """What the points get of the nodes, without gradients.
 
-        `out`: where its columns are to go instead, C each, all of one stride; `scale`: times these.
+        Rows of `x` are whole vectors: see `padded`. `out`: where its columns are to go instead, C each, as
+        many as there are places, all of one stride; `scale`: times these.
         """
-        found = products(x, *(() if out is None else out), *(() if scale is None else [scale]))
-        if found is None:
-            made = self._plain.times(x)
-            if out is None:
-                return made
-            for k, (to, part) in enumerate(zip(out, made.split(out[0].shape[1], 1), strict=True)):
-                to.copy_(part if scale is None else part * scale[k, :, None].to(part))
-            return None
+        found = products(x, *(out or ()), *(scale or ()))
         made = room(x, len(self.cell), x.shape[1]) if out is None else None
         parts = [made] if made is not None else list(out or ())
-        x = x if x.stride(1) == 1 else x.contiguous()
-        layout = addresses(parts), len(parts), *_layout(parts[0])
+        if found is None:
+            for k, (to, part) in enumerate(zip(parts, self._plain.times(x).split(parts[0].shape[1], 1))):
+                to.copy_(part if scale is None else part * scale[k][:, None].to(part))
+            return made
         points = len(self.cell), self.cell, self.beyond, self.corner
-        call(found.ways_up, *points, x, x.stride(0), *layout, scale)
+        call(
+            found.ways_up,
+            *points,
+            x,
+            x.stride(0),
+            *_layout(parts),
+            None if scale is None else addresses(scale),
+        )
         return made
 
     def down(
-        self, parts: Sequence[Float[Tensor, "P C"]], scale: Float[Tensor, "groups P"] | None = None
+        self, parts: Sequence[Float[Tensor, "P C"]], scale: Sequence[Float[Tensor, " P"]] | None = None
     ) -> Float[Tensor, "N D"]:
-        """The transpose: what the nodes get of all columns of `parts`, times `scale`."""
+        """The transpose: what the nodes get of all columns of `parts`, times `scale`, in whole vectors."""
         (x, *_), count = parts, sum(part.shape[1] for part in parts)
-        found = products(*parts, *(() if scale is None else [scale]))
+        found = products(*parts, *(scale or ()))
+        wide = padded(count)
         if found is None:
-            scaled = [p if scale is None else p * scale[k, :, None].to(p) for k, p in enumerate(parts)]
-            return self._plain.transpose.times(torch.cat(scaled, 1))
+            scaled = [p if scale is None else p * scale[k][:, None].to(p) for k, p in enumerate(parts)]
+            return pad(self._plain.transpose.times(torch.cat(scaled, 1)), (0, wide - count))
         if any(part.stride() != (x.stride(0), 1) for part in parts):
             parts = [part.contiguous() for part in parts]
-        wide = padded(count)
         made = room(x, self.nodes + len(self.twin), wide).zero_()
-        layout = addresses(parts), len(parts), *_layout(parts[0])
         points = len(self.cell), _part(len(self.cell)), self.cell, self.beyond, self.own
-        call(found.ways_down, *points, *layout, scale, self.nodes, len(self.twin), self.twin, made, wide)
-        return made[: self.nodes, :count]
+        scales = None if scale is None else addresses(scale)
+        call(
+            found.ways_down,
+            *points,
+            *_layout(parts),
+            scales,
+            self.nodes,
+            len(self.twin),
+            self.twin,
+            made,
+            wide,
+        )
+        return made[: self.nodes]
 
     @cached_property
     def _plain(self) -> Sparse:
@@ -139,6 +153,6 @@ def padded(count: int) -> int:
     return next((width for width in WIDTHS if width >= count), -(-count // WIDTHS[-1]) * WIDTHS[-1])
 
 
-def _layout(part: Float[Tensor, "P C"]) -> tuple[int, int]:
-    """Columns, and numbers from row to row."""
-    return part.shape[1], part.stride(0)
+def _layout(parts: Sequence[Float[Tensor, "P C"]]) -> tuple[Tensor, int, int, int]:
+    """Where each is, how many, their columns, and numbers from row to row."""
+    return addresses(parts), len(parts), parts[0].shape[1], parts[0].stride(0)
