@@ -24,7 +24,7 @@ from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.transport.bank import Bank, exitance
 from texsss.transport.march.interior import from_stack
-from texsss.transport.march.march import fitted_planes, march
+from texsss.transport.march.march import fitted_planes, march, planes_radius
 from texsss.transport.operators import surface_operators
 
 SWING_MM = 20.0
@@ -63,7 +63,7 @@ def main() -> None:
 
         texels = rest.moved(bent(rest.mesh.vertices, 2 * math.pi * k / args.repeat))
         done("positions")
-        planes = fitted_planes(texels.mesh, interior)
+        planes = fitted_planes(texels.mesh, planes_radius(interior))
         done("planes")
         occluder = Occluder(texels.mesh)
         light = irradiance(texels.points, texels.mesh, lights, eta=skin.eta, occluder=occluder)

@@ -22,7 +22,7 @@ from texsss.result import Baked
 from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.march.interior import from_stack
-from texsss.transport.march.march import fitted_planes
+from texsss.transport.march.march import fitted_planes, planes_radius
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
 from texsss.view.picture import at_centres, picture
@@ -64,8 +64,8 @@ class Run(Diffusing):
     @cached_property
     def planes(self) -> Kept:
         """The surface as it looks from within, for the march."""
-        (mesh, _), interior = self.mesh.value, from_stack(self.stack.value)
-        return self.stage("planes", lambda: fitted_planes(mesh, interior), self.mesh, self.stack)
+        (mesh, _), radius = self.mesh.value, planes_radius(from_stack(self.stack.value))
+        return self.stage("planes", lambda: fitted_planes(mesh, radius), self.mesh, radius)
 
     @cached_property
     def single(self) -> Callable[[Hits], Tensor] | None:

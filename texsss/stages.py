@@ -30,7 +30,7 @@ STAGE_VERSIONS = {
     "echo": 1,
     "exitance": 1,
     "beneath": 1,
-    "planes": 1,
+    "planes": 2,
     "camera": 1,
     "sights": 4,
     "picture": 7,

@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from texsss.errors import DomainError
+from texsss.numerics import native
 from texsss.surface.mesh import Mesh
 from texsss.transport.march import planes as module
-from texsss.transport.march.planes import fit_planes, plane_radius, tangent_planes
+from texsss.transport.march.planes import fit_planes, plane_radius, rounded_radius, tangent_planes
 from texsss.types import unit
 
 
@@ -89,6 +90,32 @@ def test_planes_follow_deformation():
     still, turned = fit_planes(mesh, 2.5), fit_planes(moved, 5.0)
     torch.testing.assert_close(turned.normal, still.normal @ turn.T)
     torch.testing.assert_close(turned.offset, 2 * still.offset)
+
+
+@pytest.mark.skipif(native._compiler() is None, reason="no C++ compiler: there is one way only")
+@pytest.mark.parametrize("radius", [0.9, 3.0, 9.0])
+def test_the_loop_fits_the_same_planes(radius, monkeypatch):
+    """In float32, on a ball with its inner wall close behind, far from the origin."""
+    wall = sphere()
+    inner = 0.97 * wall.vertices
+    both = Mesh(torch.cat([wall.vertices, inner]), torch.cat([wall.faces, wall.faces.flip(1) + len(inner)]))
+    mesh = Mesh(both.vertices.float() + 100.0, both.faces)
+    assert module.spread_around(mesh.vertices, mesh.vertices, radius) is not None
+    loop = fit_planes(mesh, radius)
+    monkeypatch.setattr(module, "spread_around", lambda *_: None)
+    monkeypatch.setattr(module, "MOST_PAIRS", 10**7)
+    plain = fit_planes(mesh, radius)
+    # float32 moments: measured 1.8e-7 and 6e-7 mm
+    torch.testing.assert_close(loop.normal, plain.normal, rtol=0, atol=2e-6)
+    torch.testing.assert_close(loop.offset, plain.offset, rtol=0, atol=5e-6)
+
+
+def test_rounded_radii_are_few_and_near():
+    """2^(k/4), at most 2^(1/8) away."""
+    radii = [0.01 * 1.01**k for k in range(800)]
+    rounded = [rounded_radius(radius) for radius in radii]
+    assert max(max(a / b, b / a) for a, b in zip(radii, rounded, strict=True)) <= 2**0.125 + 1e-9
+    assert len(set(rounded)) == 47
 
 
 def test_radius():

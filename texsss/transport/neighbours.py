@@ -12,6 +12,7 @@ from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
 PAIRS = 1 << 19  # candidate pairs looked at once: temporaries stay in the cache
 KEY = 1 << 20  # voxels per axis that one key holds
 MARGIN = 4  # voxels around all points, so that neighbours' keys are plain sums
+LANES = 16  # that a vector of the loops has at most
 CROWDED = 16  # points per voxel from which voxels of half the radius save candidates
 
 
@@ -141,3 +142,23 @@ def neighbourhood(points: Float[Tensor, "P 3"], radius: float, cancel: Cancel | 
         columns.append(pairs.column)
         squares.append(pairs.squared)
     return Neighbourhood(starts(torch.cat(counts)), torch.cat(columns), torch.cat(squares))
+
+
+def spread_around(
+    points: Float[Tensor, "P 3"], normals: Float[Tensor, "P 3"], radius: float
+) -> Float[Tensor, "P 10"] | None:
+    """What lies closer than `radius` [mm] to every point, itself included, and faces as it does.
+
+    How many, then the sums of their x, y, z, xx, xy, xz, yy, yz and zz, seen from the point. `normals`: unit;
+    those that point away are left out. None where there is no loop in C++ for it.
+    """
+    found = making(points, normals)
+    if found is None:
+        return None
+    grid = _grid(points, points.amin(0), radius)
+    facing = normals[grid.order.long()].T
+    axes = [torch.nn.functional.pad(x, (0, LANES)).contiguous() for x in (*grid.axes, *facing)]
+    result = torch.empty(len(points), 10)
+    around = len(grid.offset), grid.offset, grid.steps
+    call(found.spread, len(points), grid.key, grid.order, *axes, *around, radius**2, result)
+    return result

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <vector>
 
+#include "lanes.h"
 #include "threads.h"
 
 // exp of 0 and less, to 2e-7; loops over it become vectors
@@ -56,6 +57,42 @@ struct Distances {
   }
 };
 
+// Points in the order of their voxels' `key`: the runs of those in and around one voxel after the other, ascending.
+// `offset`: from a voxel to the `columns` around it, each a run of keys 2·`steps` + 1 long
+struct Around {
+  const int64_t *key, *end, *offset;
+  int64_t columns, steps;
+  std::vector<const int64_t*> low, high;
+  Around(const int64_t* key, int64_t points, const int64_t* offset, int64_t columns, int64_t steps)
+      : key(key), end(key + points), offset(offset), columns(columns), steps(steps) {}
+  // How many points are candidates for those of a voxel
+  int64_t of(int64_t voxel) {
+    const bool begun = !low.empty();
+    if (!begun) low.resize(columns), high.resize(columns);
+    int64_t candidates = 0;
+    for (int64_t c = 0; c < columns; c++) {  // voxels ascend, and so do the ends of ranges
+      const int64_t least = voxel + offset[c] - steps, most = voxel + offset[c] + steps;
+      if (!begun) {
+        low[c] = std::lower_bound(key, end, least);
+        high[c] = std::upper_bound(low[c], end, most);
+      }
+      while (low[c] < end && *low[c] < least) low[c]++;
+      while (high[c] < end && *high[c] <= most) high[c]++;
+      candidates += high[c] - low[c];
+    }
+    return candidates;
+  }
+};
+
+// Where every voxel begins among points that are in their order, and where the last ends
+static std::vector<int64_t> voxels_of(const int64_t* key, int64_t points) {
+  std::vector<int64_t> voxels;
+  for (int64_t i = 0; i < points; i++)
+    if (!i || key[i] != key[i - 1]) voxels.push_back(i);
+  voxels.push_back(points);
+  return voxels;
+}
+
 extern "C" {
 
 // Points in the order of their voxels' `key`; x, y, z are sorted so too, `order` says which each is. `offset`:
@@ -64,28 +101,14 @@ extern "C" {
 void pairs(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
            int64_t columns, const int64_t* offset, int64_t steps, float radius_squared, int32_t* count,
            const int32_t* start, int32_t* column, float* squared, int64_t threads) {
-  std::vector<int64_t> voxels;
-  for (int64_t i = 0; i < points; i++)
-    if (!i || key[i] != key[i - 1]) voxels.push_back(i);
-  const int64_t all = int64_t(voxels.size());
-  voxels.push_back(points);
-  parallel(all, threads, [&](int64_t first, int64_t last) {
-    std::vector<const int64_t*> low(columns), high(columns);
+  const std::vector<int64_t> voxels = voxels_of(key, points);
+  parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
+    Around around(key, points, offset, columns, steps);
     std::vector<int32_t> near;
     std::vector<float> away;
     for (int64_t v = first; v < last; v++) {
-      const int64_t here = key[voxels[v]];
-      int64_t candidates = 0;
-      for (int64_t c = 0; c < columns; c++) {  // voxels ascend, and so do the ends of ranges
-        const int64_t least = here + offset[c] - steps, most = here + offset[c] + steps;
-        if (v == first) {
-          low[c] = std::lower_bound(key, key + points, least);
-          high[c] = std::upper_bound(low[c], key + points, most);
-        }
-        while (low[c] < key + points && *low[c] < least) low[c]++;
-        while (high[c] < key + points && *high[c] <= most) high[c]++;
-        candidates += high[c] - low[c];
-      }
+      const int64_t candidates = around.of(key[voxels[v]]);
+      const auto &low = around.low, &high = around.high;
       if (int64_t(near.size()) < candidates) near.resize(candidates), away.resize(candidates);
       for (int64_t i = voxels[v]; i < voxels[v + 1]; i++) {
         int64_t found = 0;
@@ -106,6 +129,42 @@ void pairs(int64_t points, const int64_t* key, const int32_t* order, const float
           }
         const int64_t to = start[order[i]];
         for (int64_t n = 0; n < found; n++) column[to + n] = order[near[n]], squared[to + n] = away[n];
+      }
+    }
+  });
+}
+
+// Points as for `pairs`, with their unit normals; all but `order` go on for one vector. `result` (points, 10): how many
+// lie within the radius and face the same half-space, then the sums of x, y, z, xx, xy, xz, yy, yz, zz from each point
+void spread(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
+            const float* nx, const float* ny, const float* nz, int64_t columns, const int64_t* offset, int64_t steps,
+            float radius_squared, float* result, int64_t threads) {
+  const std::vector<int64_t> voxels = voxels_of(key, points);
+  I lane;
+  for (int k = 0; k < WIDTH; k++) lane[k] = k;
+  parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
+    Around around(key, points, offset, columns, steps);
+    for (int64_t v = first; v < last; v++) {
+      around.of(key[voxels[v]]);
+      for (int64_t i = voxels[v]; i < voxels[v + 1]; i++) {
+        V sum[10] = {};
+        for (int64_t c = 0; c < columns; c++) {
+          const int64_t end = around.high[c] - key;
+          for (int64_t j = around.low[c] - key; j < end; j += WIDTH) {
+            const V a = load(x + j) - x[i], b = load(y + j) - y[i], d = load(z + j) - z[i];
+            const V alike = load(nx + j) * nx[i] + load(ny + j) * ny[i] + load(nz + j) * nz[i];
+            const I near = a * a + b * b + d * d < all(radius_squared), there = lane < I{} + int32_t(end - j);
+            const I counts = near & (alike > V{}) & there;
+            const V w = real(-counts), wa = w * a, wb = w * b, wd = w * d;
+            sum[0] += w, sum[1] += wa, sum[2] += wb, sum[3] += wd;
+            sum[4] += wa * a, sum[5] += wa * b, sum[6] += wa * d, sum[7] += wb * b, sum[8] += wb * d, sum[9] += wd * d;
+          }
+        }
+        for (int s = 0; s < 10; s++) {
+          float total = 0;
+          for (int k = 0; k < WIDTH; k++) total += sum[s][k];
+          result[10 * int64_t(order[i]) + s] = total;
+        }
       }
     }
   });

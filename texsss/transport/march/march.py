@@ -18,7 +18,13 @@ from texsss.surface.points import Points
 from texsss.transport.march.gatherer import Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
 from texsss.transport.march.noise import Noise, draw
-from texsss.transport.march.planes import Planes, fit_planes, plane_radius, tangent_planes
+from texsss.transport.march.planes import (
+    Planes,
+    fit_planes,
+    plane_radius,
+    rounded_radius,
+    tangent_planes,
+)
 from texsss.transport.march.setup import Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
@@ -156,7 +162,7 @@ class March:
         with self._making:
             if self._surface is None:
                 coordinates = check_uv(self.mesh, self._uv, self.interior)
-                planes = self._planes or fitted_planes(self.mesh, self.interior)
+                planes = self._planes or fitted_planes(self.mesh, planes_radius(self.interior))
                 self._surface = Surface(self.mesh, planes, coordinates), coordinates
             compiled = compiled and not self._graded(self._surface[0])
             if compiled not in self._gatherers:
@@ -199,11 +205,15 @@ class March:
         return total * rays.leaves[:, None]
 
 
-def fitted_planes(mesh: Mesh, interior: Interior) -> Planes:
-    """Planes at the radius that the first layer asks for; tangent planes where it is clear."""
-    sigma_t = interior.sigma_t.detach()[..., 0, :]
-    least = float(sigma_t.amin())
-    return fit_planes(mesh, plane_radius(least)) if least > 0 else tangent_planes(mesh)
+def planes_radius(interior: Interior) -> float:
+    """The radius that planes ask of the first layer [mm], rounded; 0 where it is clear."""
+    least = float(interior.sigma_t.detach()[..., 0, :].amin())
+    return rounded_radius(plane_radius(least)) if least > 0 else 0.0
+
+
+def fitted_planes(mesh: Mesh, radius_mm: float) -> Planes:
+    """Planes through what lies within a radius; tangent planes where that is 0."""
+    return fit_planes(mesh, radius_mm) if radius_mm > 0 else tangent_planes(mesh)
 
 
 def _squares(
