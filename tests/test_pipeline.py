@@ -315,11 +315,18 @@ def plain(small: dict, **methods) -> Scene:
 
 
 def test_octree_agrees_with_the_bank(small):
-    """Two ways to the same light that share nothing but the profile, within 2 % of the RMS."""
-    bank = bake(plain(small, diffusion="surface"))
-    tree = bake(plain(small, diffusion="octree", octree={"spacing_mm": 1.0}))
-    found, expected = (x.texel_exitance[x.texels.covered] for x in (tree, bank))
-    assert float((found - expected).norm() / expected.norm()) < 0.02
+    """Two ways to the same light that share nothing but the profile; the plain sum is farther off."""
+    baker = Baker()
+    bank = baker.bake(plain(small, diffusion="surface"))
+    found = [
+        baker.bake(plain(small, diffusion="octree", octree={"spacing_mm": 1.0, "normalise": normalise}))
+        for normalise in (True, False)
+    ]
+    expected = bank.texel_exitance[bank.texels.covered]
+    tree, plainly = (
+        float((x.texel_exitance[x.texels.covered] - expected).norm() / expected.norm()) for x in found
+    )
+    assert tree < 0.004 and tree < plainly  # measured .0014 and .0069 of the RMS
 
 
 def test_octree_sums_at_texels_or_at_hits(small):

@@ -54,13 +54,15 @@ class Hierarchy(Lighting):
     def emission(self, scattering: str) -> Kept:
         """The octree of what the samples send."""
         (points, area), light, spacing = self.samples.value, self.sample_light, self.sample_spacing
-        rule, pre = self.scene.methods.rule, self.scene.material.surface.albedo_mode in ("pre", "both")
+        rule, normalise = self.scene.methods.rule, self.scene.methods.octree.normalise
+        pre = self.scene.material.surface.albedo_mode in ("pre", "both")
 
         def make():
             entered = light.value * self.entry_albedo(points) if pre else light.value
-            return emission(self._surface_of(points, entered, scattering), area, spacing, rule=rule)
+            sends = self._surface_of(points, entered, scattering)
+            return emission(sends, area, spacing, rule=rule, normalise=normalise)
 
-        return self.stage("octree", make, light, self.matter_key(scattering), rule)
+        return self.stage("octree", make, light, self.matter_key(scattering), rule, normalise)
 
     def matter_key(self, scattering: str) -> tuple:
         """Everything that exitance depends on besides light and places."""

@@ -23,7 +23,7 @@ STAGE_VERSIONS = {
     "bank": 1,
     "thickness": 1,
     "samples": 1,
-    "octree": 1,
+    "octree": 2,
     "weights": 3,
     "angular": 1,
     "exchange": 1,

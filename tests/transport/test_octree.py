@@ -12,7 +12,7 @@ from texsss.errors import Cancelled, DomainError, ShapeError
 from texsss.profiles.weights import Weights
 from texsss.surface.mesh import Mesh
 from texsss.transport.octree.blocks import blocks
-from texsss.transport.octree.exitance import Surface, emission
+from texsss.transport.octree.exitance import LEAST_FACING, Surface, emission
 from texsss.transport.octree.integrate import integrated
 from texsss.transport.octree.samples import affordable_spacing, surface_samples
 from texsss.transport.octree.sources import sources
@@ -83,13 +83,21 @@ def lit_surface(mesh: Mesh, spacing: float, rows: int = 5, through: bool = False
 
 
 def hierarchical(
-    samples: Surface, area: Tensor, spacing: float, rule: str = "entry", **options: Any
+    samples: Surface,
+    area: Tensor,
+    spacing: float,
+    rule: str = "entry",
+    normalise: bool = True,
+    **options: Any,
 ) -> Float[Tensor, "P 3"]:
     """Exitance at the samples themselves."""
-    return emission(samples, area, spacing, rule=rule).exitance(samples, **options)
+    sent = emission(samples, area, spacing, rule=rule, normalise=normalise)
+    return sent.exitance(samples, **options)
 
 
-def all_pairs(samples: Surface, area: Tensor, some: Tensor, rule: str) -> Float[Tensor, "Q 3"]:
+def all_pairs(
+    samples: Surface, area: Tensor, some: Tensor, rule: str, normalise: bool
+) -> Float[Tensor, "Q 3"]:
     """The sum without a tree, in float64, with receivers `some` of the samples."""
     position, normal = samples.position.double(), samples.normal.double()
     squared = torch.cdist(position[some], position).square()
@@ -102,8 +110,12 @@ def all_pairs(samples: Surface, area: Tensor, some: Tensor, rule: str) -> Float[
     for k in range(1, len(VARIANCES)):
         variance = float(VARIANCES[k])
         kernel = torch.exp(-squared / (2 * variance)) / (2 * math.pi * variance)
+        reached = kernel @ area.double()[:, None]
         for weights, gate in sides:
             assert weights is not None
+            if normalise and weights is samples.reflected:
+                whole = torch.maximum((kernel * gate) @ area.double()[:, None], LEAST_FACING * reached)
+                gate = gate / whole
             own = weights.at()[:, k].double()
             if rule == "entry":
                 total = total + (kernel * gate) @ (light * own)
@@ -116,20 +128,41 @@ def all_pairs(samples: Surface, area: Tensor, some: Tensor, rule: str) -> Float[
     return total
 
 
+@pytest.mark.parametrize("normalise", [False, True])
 @pytest.mark.parametrize("through", [False, True])
 @pytest.mark.parametrize("rule", ["exit", "entry", "geometric-mean"])
-def test_it_is_the_sum_over_all_pairs(rule: str, through: bool):
+def test_it_is_the_sum_over_all_pairs(rule: str, through: bool, normalise: bool):
     samples, area = lit_surface(sphere(subdivisions=3), SPACING, through=through)
     some = torch.arange(0, len(area), 23)
-    found = hierarchical(samples, area, SPACING, rule=rule, epsilon=0.05)[some].double()
-    expected = all_pairs(samples, area, some, rule)
+    found = hierarchical(samples, area, SPACING, rule, normalise, epsilon=0.05)[some].double()
+    expected = all_pairs(samples, area, some, rule, normalise)
     assert float((found - expected).norm() / expected.norm()) < 1e-3
+
+
+@pytest.mark.parametrize("through", [False, True])
+def test_even_light_comes_back_evenly(through: bool):
+    """From two sheets that face each other across a crease, and from their rims, where the sum does not."""
+    lower, upper = plate(side=100.0, z=-2.0), plate(side=100.0)
+    mesh = together(lower, Mesh(upper.vertices, upper.faces.flip(1)))
+    samples, area = lit_surface(mesh, 4.0, rows=1, through=through)
+    dark = (
+        None
+        if samples.through is None
+        else Weights(VARIANCES, samples.through.table * 0, samples.through.row)
+    )
+    even = Surface(samples.position, samples.normal, torch.ones_like(samples.normal), samples.reflected, dark)
+    found = hierarchical(even, area, 4.0, epsilon=0.05)
+    torch.testing.assert_close(found, samples.reflected.total, rtol=1e-5, atol=0)
+    if not through:
+        middle = samples.position[:, :2].norm(dim=1) < 5
+        plain = hierarchical(even, area, 4.0, normalise=False)
+        assert float((plain / samples.reflected.total)[middle].min()) > 1.5
 
 
 def test_the_error_falls_with_epsilon():
     samples, area = lit_surface(sphere(subdivisions=3), SPACING)
     some = torch.arange(0, len(area), 23)
-    expected = all_pairs(samples, area, some, "exit")
+    expected = all_pairs(samples, area, some, "exit", True)
     errors = []
     for epsilon in (1.0, 0.3, 0.1, 0.03):
         found = hierarchical(samples, area, SPACING, rule="exit", epsilon=epsilon)[some]
