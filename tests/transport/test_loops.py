@@ -61,6 +61,19 @@ def test_any_number_of_threads_gives_the_same_bytes(made):
         assert torch.equal(copies, results[0][0]) and torch.equal(gradient, results[0][1])
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_gradients_need_not_lie_in_memory_as_the_copies_do(made, channels):
+    values = lit(ball(64))[:, :channels].clone().requires_grad_()
+    copies = made.applied(values)
+    one = torch.rand(len(copies), 1, channels, generator=torch.Generator().manual_seed(0))
+    wide = one.expand(copies.shape)  # one number for all texels
+    across = wide.transpose(1, 2).contiguous().transpose(1, 2)
+    expected = torch.autograd.grad(copies, values, wide.contiguous(), retain_graph=True)[0]
+    for grad in (wide, across):
+        made_of = torch.autograd.grad(copies, values, grad, retain_graph=True)[0]
+        torch.testing.assert_close(made_of, expected, rtol=2e-6, atol=1e-6)
+
+
 def test_making_them_is_what_torch_makes(made, monkeypatch):
     monkeypatch.setattr(loops, "library", lambda source, macros: None)
     plain = surface_operators(ball(64), LADDER)

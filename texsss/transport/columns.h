@@ -52,10 +52,24 @@ struct Row {
   }
 };
 
-// Arrays of `each` columns, `pitch` numbers from row to row; `scale`: where the factors of every array's rows are, or 0
+// What rows get of others, `beyond` them: of those at `row[start[i]]` to `row[start[i + 1]]`, times `value`. Or nothing
+struct Rim {
+  const int32_t *start, *row;
+  const float* value;
+  int64_t beyond;
+  template <class Add>
+  void give(int64_t i, Add add) const {
+    if (!start) return;
+    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) add(value[p], beyond + row[p]);
+  }
+};
+
+// Arrays of `each` columns, `pitch` numbers from row to row and `step` from column to column; `scale`: where the
+// factors of every array's rows are, or 0; `rim`: what is added to rows that are loaded, before these
 struct Groups {
   const int64_t *address, *scale;
-  int64_t count, each, pitch;
+  int64_t count, each, pitch, step;
+  Rim rim;
   float* row(int64_t group) const { return (float*)address[group]; }
   const float* scales(int64_t group) const { return scale ? (const float*)scale[group] : nullptr; }
 };
@@ -78,38 +92,36 @@ struct Whole {
 // At most W columns from the `first` on, number by number
 template <int W>
 struct Pieces {
-  struct Piece {
+  struct Column {
     float* row;
     const float* scale;
-    int first, n;
   };
-  Piece pieces[W];
-  int count = 0;
+  Column columns[W];
+  int count;
   int64_t pitch;
-  Pieces(const Groups& groups, int64_t from) : pitch(groups.pitch) {
-    const int64_t each = groups.each, to = std::min(from + W, groups.count * each);
-    for (int64_t g = from / each; g < groups.count && g * each < to; g++) {
-      const int64_t first = std::max(from, g * each), last = std::min(to, (g + 1) * each);
-      pieces[count++] = {groups.row(g) + first - g * each, groups.scales(g), int(first - from), int(last - first)};
+  Rim rim;
+  Pieces(const Groups& groups, int64_t first)
+      : count(int(std::min<int64_t>(W, groups.count * groups.each - first))), pitch(groups.pitch), rim(groups.rim) {
+    for (int k = 0; k < count; k++) {
+      const int64_t group = (first + k) / groups.each, column = (first + k) % groups.each;
+      columns[k] = {groups.row(group) + column * groups.step, groups.scales(group)};
     }
   }
   Row<W> load(int64_t i) const {
     float held[W] = {};
-    for (int p = 0; p < count; p++) {
-      const Piece& piece = pieces[p];
-      const float scale = piece.scale ? piece.scale[i] : 1.0f;
-      for (int k = 0; k < piece.n; k++) held[piece.first + k] = scale * piece.row[i * pitch + k];
-    }
+    for (int k = 0; k < count; k++) held[k] = columns[k].row[i * pitch];
+    rim.give(i, [&](float value, int64_t row) {
+      for (int k = 0; k < count; k++) held[k] += value * columns[k].row[row * pitch];
+    });
+    for (int k = 0; k < count; k++)
+      if (columns[k].scale) held[k] *= columns[k].scale[i];
     return Row<W>::load(held);
   }
   void store(int64_t i, const Row<W>& own) const {
     float held[W];
     own.store(held);
-    for (int p = 0; p < count; p++) {
-      const Piece& piece = pieces[p];
-      const float scale = piece.scale ? piece.scale[i] : 1.0f;
-      for (int k = 0; k < piece.n; k++) piece.row[i * pitch + k] = scale * held[piece.first + k];
-    }
+    for (int k = 0; k < count; k++)
+      columns[k].row[i * pitch] = columns[k].scale ? columns[k].scale[i] * held[k] : held[k];
   }
 };
 
@@ -120,17 +132,22 @@ struct Colours {
   static constexpr int W = COUNT == 1 ? 4 : COUNT == 2 ? 8 : 16;
   float* row[COUNT];
   const float* scale[COUNT];
-  explicit Colours(const Groups& groups) {
+  Rim rim;
+  explicit Colours(const Groups& groups) : rim(groups.rim) {
     for (int g = 0; g < COUNT; g++) row[g] = groups.row(g), scale[g] = groups.scales(g);
-  }
-  Four got(int64_t i, int g) const {
-    const Four own = loaded<Four>(row[g] + 3 * i);
-    return scale[g] ? own * scale[g][i] : own;
   }
   void put(int64_t i, int g, Four own) const { stored(row[g] + 3 * i, scale[g] ? own * scale[g][i] : own); }
   Row<W> load(int64_t i) const {
     Four own[5] = {};
-    for (int g = 0; g < COUNT; g++) own[g] = got(i, g);
+    for (int g = 0; g < COUNT; g++) own[g] = loaded<Four>(row[g] + 3 * i);
+    rim.give(i, [&](float value, int64_t other) {
+      for (int g = 0; g < COUNT; g++) {
+        const float* from = row[g] + 3 * other;  // behind the last there is nothing
+        own[g] += value * Four{from[0], from[1], from[2], 0.0f};
+      }
+    });
+    for (int g = 0; g < COUNT; g++)
+      if (scale[g]) own[g] *= scale[g][i];
     const auto [a, b, c, d, e] = own;
     // threes without the fourth number
     const Four first = {a[0], a[1], a[2], b[0]}, second = {b[1], b[2], c[0], c[1]};
@@ -187,14 +204,14 @@ static void coloured(const Groups& groups, int64_t first, int64_t last, Work wor
 template <class Work>
 static void laid(const Groups& groups, int64_t first, int64_t last, Work work) {
   const int64_t each = groups.each;
-  if (each == 3 && groups.pitch == 3) {
+  if (each == 3 && groups.pitch == 3 && groups.step == 1) {
     if (groups.count == 1) return coloured<1>(groups, first, last, work);
     if (groups.count == 2) return coloured<2>(groups, first, last, work);
     if (groups.count == 3) return coloured<3>(groups, first, last, work);
     if (groups.count == 4) return coloured<4>(groups, first, last, work);
     if (groups.count == 5) return coloured<5>(groups, first, last, work);
   }
-  const bool whole = groups.count == 1 && (each == 1 || each == 4 || each == 8 || each % 16 == 0);
+  const bool whole = groups.count == 1 && groups.step == 1 && !groups.rim.start && (each == 1 || each == 4 || each == 8 || each % 16 == 0);
   blocks(groups.count * each, [&](auto width, int64_t c) {
     constexpr int W = decltype(width)::value;
     if (whole)

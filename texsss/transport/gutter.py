@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import scipy  # its parts are loaded where they are first used
 import torch
 
-from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse, starts
 from texsss.transport.loops import addresses, call, products
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
@@ -67,20 +66,16 @@ def fill_gutter(means: Sparse, copies: Sequence[Float[Tensor, "P C"]]) -> None:
     call(found.gutter_times, *args, addresses(copies), len(copies), copies[0].shape[1])
 
 
-def from_gutter(means: Sparse, grads: Sequence[Float[Tensor, "P C"]]) -> list[Float[Tensor, "L C"]]:
-    """The transpose: each of `grads` on the surface, and what its gutter sends back there."""
-    covered = means.columns
-    found = products(means.value, *grads) if grads else None
-    if found is None:
-        return [grad[:covered] + means.transpose.times(grad[covered:]) for grad in grads]
-    (first, *_), channels = grads, grads[0].shape[1]
-    if any(grad.stride() != first.stride() for grad in grads):
-        grads = [grad.contiguous() for grad in grads]
-    steps = grads[0].stride()
-    made = list(room(first, len(grads), covered, channels))
-    args = means.rows, means.start, means.column, means.value, covered
-    call(found.gutter_back, *args, addresses(grads), *steps, addresses(made), len(grads), channels)
-    return made
+def with_rim(parts: Sequence[Float[Tensor, "P C"]], rim: Sparse | None) -> list[Float[Tensor, "L C"]]:
+    """The surface's rows of each part, and what `rim`, the transpose of the means, makes of the gutter's."""
+    if rim is None:
+        return list(parts)
+    return [part[: rim.rows] + rim.times(part[rim.rows :]) for part in parts]
+
+
+def entries(rim: Sparse | None) -> tuple[Tensor | None, Tensor | None, Tensor | None]:
+    """What loops take of it."""
+    return (None, None, None) if rim is None else (rim.start, rim.column, rim.value)
 
 
 def _weights(

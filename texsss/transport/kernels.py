@@ -9,6 +9,7 @@ from jaxtyping import UInt8
 
 from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse, starts
+from texsss.transport.gutter import entries, with_rim
 from texsss.transport.loops import call, products
 from texsss.types import Float, Int, Tensor
 
@@ -50,9 +51,12 @@ class Kernel:
         """
         return self._scaled(x, self.area, self.share, out, planes or Planes())
 
-    def back(self, x: Float[Tensor, "P C"], to: Float[Tensor, "P C"]) -> None:
-        """Adds the transpose of `times` to what is in `to`, contiguous."""
-        self._scaled(x, self.share, self.area, to, Planes(), added=True)
+    def back(self, x: Float[Tensor, "Q C"], to: Float[Tensor, "P C"], rim: Sparse | None = None) -> None:
+        """Adds the transpose of `times` to what is in `to`, contiguous.
+
+        `rim`: the matrix (P, Q - P) by which points first get what is behind them in `x`; else Q is P.
+        """
+        self._scaled(x, self.share, self.area, to, Planes(), rim, added=True)
 
     def _scaled(
         self,
@@ -61,29 +65,22 @@ class Kernel:
         after: Tensor,
         out: Tensor | None,
         planes: "Planes",
+        rim: Sparse | None = None,
         *,
         added: bool = False,
     ) -> Tensor:
         found = products(x, before, after)
-        result = torch.empty_like(x, memory_format=torch.contiguous_format) if out is None else out
+        points, count = len(before), x.shape[1]
+        result = x.new_empty(points, count) if out is None else out
         if found is None:
+            (x,) = with_rim([x], rim)
             made = self._plain.times(x * before[:, None].to(x)) * after[:, None].to(x)
             return result.add_(made) if added else result.copy_(made)
-        x, (points, count) = x.contiguous(), x.shape
         fresh = planes.held is None
         if planes.held is None:
             planes.held = room(x, count, points + 2 * STRIP)
-        args = (
-            points,
-            self.start,
-            self.distance,
-            self.weight,
-            before,
-            after,
-            x if fresh else None,
-            count,
-            planes.held,
-        )
+        matrix = points, self.start, self.distance, self.weight, before, after
+        args = *matrix, x if fresh else None, count, *x.stride(), *entries(rim), planes.held
         call(found.kernel_times, *args, result, int(added))
         return result
 

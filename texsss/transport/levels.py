@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from texsss.numerics.memory import room
+from texsss.numerics.sparse import Sparse
 from texsss.transport.bricks import Blur
 from texsss.transport.loops import Scratch
 from texsss.transport.ways import Ways, padded
@@ -56,20 +57,24 @@ def over(
 
 def over_transposed(
     levels: tuple[Level, ...],
-    parts: Sequence[Float[Tensor, "P C"]],
+    parts: Sequence[Float[Tensor, "Q C"]],
     scale: Sequence[Float[Tensor, " P"]],
     out: Float[Tensor, "P C"],
     last: Float[Tensor, " P"],
+    rim: Sparse | None = None,
 ) -> None:
-    """Put the transpose of `over`: the sum of what Gaussians make of parts, times `last`, into `out`."""
+    """Put the transpose of `over`: the sum of what Gaussians make of parts, times `last`, into `out`.
+
+    `rim`: the matrix (P, Q - P) by which points first get what is behind them in `parts`; else Q is P.
+    """
     channels, scratch = out.shape[1], Scratch(out)
     wide, held = len(parts), []
     parts, factor = _widest_first(levels, parts), _widest_first(levels, scale)
     for level in levels:
-        x = level.ways.down(parts, factor)
+        x = level.ways.down(parts, factor, rim)
         held.append(x)
         wide -= len(level.blurs)
-        parts, factor = [x[:, : padded(channels * wide)]], None
+        parts, factor, rim = [x[:, : padded(channels * wide)]], None, None
     together: Tensor | None = None
     for k, (level, x) in reversed(list(enumerate(zip(levels, held, strict=True)))):
         filled = together is not None

@@ -19,7 +19,7 @@ from texsss.errors import DomainError
 from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
-from texsss.transport.gutter import fill_gutter, from_gutter, gutter_means
+from texsss.transport.gutter import fill_gutter, gutter_means
 from texsss.transport.kernels import Kernel, Planes
 from texsss.transport.lattice import blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
@@ -129,31 +129,26 @@ class _Applied(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
         operators: Operators = ctx.operators
         (grad,) = grads
-        covered, area = len(operators.area), operators.area
+        covered, area, rim = len(operators.area), operators.area, operators.gutter.transpose
         result = room(grad, *grad.shape[1:])
         own = result[:covered]
         sent: list[Tensor | None] = [None] * (1 + operators.count)
-        asked = [(k, number) for k, number in enumerate(operators.result) if number]
-        for (_, number), part in zip(asked, from_gutter(operators.gutter, [grad[k] for k, _ in asked])):
-            sent[number] = _sum(sent[number], part)
-        first = 1 + len(operators.steps)
+        for k, number in enumerate(operators.result):
+            before = sent[number]
+            sent[number] = grad[k] if before is None else before + grad[k]
+        lightmap, *sent = sent
         result[covered:] = 0
         if operators.levels:
-            wide = [own.new_zeros(own.shape) if part is None else part for part in sent[first:]]
-            over_transposed(operators.levels, wide, list(operators.share), own, area)
+            wide = [
+                torch.zeros_like(result) if part is None else part for part in sent[len(operators.steps) :]
+            ]
+            over_transposed(operators.levels, wide, list(operators.share), own, area, rim)
         else:
             own.zero_()
-        for number, step in enumerate(operators.steps, 1):
-            if (part := sent[number]) is not None:
-                step.back(part, own)
-        for k, number in enumerate(operators.result):
-            if not number:
-                result += grad[k]
-        return result, None
-
-
-def _sum(one: Tensor | None, other: Tensor) -> Tensor:
-    return other if one is None else one + other
+        for step, part in zip(operators.steps, sent, strict=False):
+            if part is not None:
+                step.back(part, own, rim)
+        return result if lightmap is None else result.add_(lightmap), None
 
 
 def surface_operators(

@@ -5,6 +5,10 @@
 #include "bricks.h"
 #include "columns.h"
 
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
+
 static inline void corner_weights(const float* beyond, float w[8]) {
   const float x = beyond[0], y = beyond[1], z = beyond[2];
   const float xy[4] = {(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y};
@@ -13,13 +17,15 @@ static inline void corner_weights(const float* beyond, float w[8]) {
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
 constexpr int HALF = STRIP / 2;
-typedef uint8_t Bytes __attribute__((vector_size(HALF)));
-typedef int32_t Wholes __attribute__((vector_size(4 * HALF)));
 
 static inline Eight numbers(const uint8_t* whole) {
-  Bytes bytes;
-  std::memcpy(&bytes, whole, sizeof bytes);
-  return __builtin_convertvector(__builtin_convertvector(bytes, Wholes), Eight);
+#ifdef __AVX2__  // what compilers do not find by themselves
+  return (Eight)_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i*)whole)));
+#else
+  Eight made;
+  for (int k = 0; k < HALF; k++) made[k] = float(whole[k]);
+  return made;
+#endif
 }
 
 // Rows of a strip, times `after`; added to what is there, or not
@@ -144,38 +150,35 @@ static void number_means(int64_t first, int64_t last, const int32_t* start, cons
   }
 }
 
-// Number by number: vectors stored in part would have to wait until they can be loaded again
-template <int C>
-static void sent_back(int64_t rows, const int32_t* start, const int32_t* column, const float* value, const float* grad,
-                      int64_t row_step, int64_t step, float* sum, int64_t pitch) {
-  for (int64_t i = 0; i < rows; i++) {
-    float held[C];
-    for (int c = 0; c < C; c++) held[c] = grad[i * row_step + c * step];
-    for (int64_t p = start[i], end = start[i + 1]; p < end; p++) {
-      __builtin_prefetch(sum + int64_t(column[p + AHEAD < start[rows] ? p + AHEAD : p]) * pitch, 1);
-      float* at = sum + int64_t(column[p]) * pitch;
-      const float w = value[p];
-      for (int c = 0; c < C; c++) at[c] += w * held[c];
-    }
-  }
-}
-
 extern "C" {
 
 // y = after · W (before · x), or added to y; W of whole numbers, by diagonals of STRIP rows. `scaled`: a plane of
-// STRIP + rows + STRIP for every column, where before · x goes first unless `x` is null: then it is there.
+// STRIP + rows + STRIP for every column, where before · x goes first unless `x` is null: then it is there. Numbers of
+// x are `pitch` and `step` apart; `rim_…`: what its rows get of those behind them, see Rim.
 void kernel_times(int64_t rows, const int32_t* start, const int32_t* distance, const uint8_t* weight,
-                  const float* before, const float* after, const float* x, int64_t count, float* scaled, float* y,
+                  const float* before, const float* after, const float* x, int64_t count, int64_t pitch, int64_t step,
+                  const int32_t* rim_start, const int32_t* rim_row, const float* rim_value, float* scaled, float* y,
                   int64_t added, int64_t threads) {
   const int64_t plane = rows + 2 * STRIP, strips = (rows + STRIP - 1) / STRIP;
+  const Rim rim{rim_start, rim_row, rim_value, rows};
   if (x)
     parallel(rows, threads, [=](int64_t first, int64_t last) {
       for (int64_t c = 0; c < count; c++) {
+        const float* from = x + c * step;
         float* to = scaled + c * plane + STRIP;
-        for (int64_t i = first; i < last; i++) to[i] = before[i] * x[i * count + c];
+        if (pitch == 3)  // a constant, for vectors
+          for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * 3];
+        else
+          for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * pitch];
         if (first == 0) std::fill(to - STRIP, to, 0.0f);
         if (last == rows) std::fill(to + rows, to + rows + STRIP, 0.0f);
       }
+      if (rim.start)
+        for (int64_t i = first; i < last; i++)
+          rim.give(i, [&](float value, int64_t row) {
+            for (int64_t c = 0; c < count; c++)
+              scaled[c * plane + STRIP + i] += before[i] * value * x[row * pitch + c * step];
+          });
     });
   parallel(strips, threads, [=](int64_t first, int64_t last) {
     if (count == 3)
@@ -228,9 +231,9 @@ void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
 void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
-             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch,
+             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
              const int64_t* scale, int64_t threads) {
-  const Groups out{address, scale, groups, each, pitch};
+  const Groups out{address, scale, groups, each, pitch, step, Rim{}};
   parallel(count, threads, [=](int64_t from, int64_t to) {
     laid(out, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
       some_up<decltype(width)::value>(first, last, cell, beyond, corner, x + c, x_pitch, rows);
@@ -239,19 +242,24 @@ void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int3
 }
 
 // The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the points, as
-// many to each, would add to at once: row `nodes` + i belongs to `twin`[i].
+// many to each, would add to at once: row `nodes` + i belongs to `twin`[i], in ascending order. `rim_…`: what points
+// get of the rows behind them, see Rim.
 void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
-               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, const int64_t* scale,
+               const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
+               const int64_t* scale, const int32_t* rim_start, const int32_t* rim_row, const float* rim_value,
                int64_t nodes, int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
-  const Groups in{address, scale, groups, each, pitch};
+  const Groups in{address, scale, groups, each, pitch, step, Rim{rim_start, rim_row, rim_value, count}};
   parallel((count + some_points - 1) / some_points, threads, [=](int64_t from, int64_t to) {
     laid(in, from * some_points, std::min(count, to * some_points),
          [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
            some_down<decltype(width)::value>(first, last, cell, beyond, corner, y + c, y_pitch, rows);
          });
   });
-  for (int64_t i = 0; i < twins; i++)
-    for (int64_t c = 0; c < y_pitch; c++) y[twin[i] * y_pitch + c] += y[(nodes + i) * y_pitch + c];
+  parallel(twins, threads, [=](int64_t first, int64_t last) {
+    while (first > 0 && first < twins && twin[first] == twin[first - 1]) first++;  // others have begun that row
+    for (int64_t i = first; i < twins && (i < last || (i > first && twin[i] == twin[i - 1])); i++)
+      for (int64_t c = 0; c < y_pitch; c++) y[twin[i] * y_pitch + c] += y[(nodes + i) * y_pitch + c];
+  });
 }
 
 // Means of covered rows, `each` columns, put behind them in every group
@@ -262,29 +270,6 @@ void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, con
     for (int64_t g = 0; g < groups; g++)
       for (int64_t c = 0; c < each; c++)
         number_means(first, last, start, column, value, covered, (float*)address[g] + c, each);
-  });
-}
-
-// The transpose, added to `covered` rows in each group of `to`: a group is one thread's. Numbers of `from` are
-// `row_step` and `step` apart.
-void gutter_back(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
-                 const int64_t* from, int64_t row_step, int64_t step, const int64_t* to, int64_t groups, int64_t each,
-                 int64_t threads) {
-  parallel(groups, threads, [=](int64_t first, int64_t last) {
-    for (int64_t g = first; g < last; g++) {
-      const float* grad = (const float*)from[g];
-      float* sum = (float*)to[g];
-      if (step == 1 && row_step == each)
-        std::memcpy(sum, grad, sizeof(float) * covered * each);
-      else
-        for (int64_t i = 0; i < covered; i++)
-          for (int64_t c = 0; c < each; c++) sum[i * each + c] = grad[i * row_step + c * step];
-      if (each == 3)
-        sent_back<3>(rows, start, column, value, grad + covered * row_step, row_step, step, sum, each);
-      else
-        for (int64_t c = 0; c < each; c++)
-          sent_back<1>(rows, start, column, value, grad + covered * row_step + c * step, row_step, step, sum + c, each);
-    }
   });
 }
 }

@@ -10,6 +10,7 @@ from torch.nn.functional import pad
 
 from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
+from texsss.transport.gutter import entries, with_rim
 from texsss.transport.loops import addresses, call, products
 from texsss.types import Float, Int, Tensor
 
@@ -57,42 +58,34 @@ class Ways:
                 to.copy_(part if scale is None else part * scale[k][:, None].to(part))
             return made
         points = len(self.cell), self.cell, self.beyond, self.corner
-        call(
-            found.ways_up,
-            *points,
-            x,
-            x.stride(0),
-            *_layout(parts),
-            None if scale is None else addresses(scale),
-        )
+        scales = None if scale is None else addresses(scale)
+        call(found.ways_up, *points, x, x.stride(0), *_layout(parts), scales)
         return made
 
     def down(
-        self, parts: Sequence[Float[Tensor, "P C"]], scale: Sequence[Float[Tensor, " P"]] | None = None
+        self,
+        parts: Sequence[Float[Tensor, "Q C"]],
+        scale: Sequence[Float[Tensor, " P"]] | None = None,
+        rim: Sparse | None = None,
     ) -> Float[Tensor, "N D"]:
-        """The transpose: what the nodes get of all columns of `parts`, times `scale`, in whole vectors."""
+        """The transpose: what the nodes get of all columns of `parts`, times `scale`, in whole vectors.
+
+        `rim`: the matrix (P, Q - P) by which points first get what is behind them in `parts`; else Q is P.
+        """
         (x, *_), count = parts, sum(part.shape[1] for part in parts)
         found = products(*parts, *(scale or ()))
         wide = padded(count)
         if found is None:
+            parts = with_rim(parts, rim)
             scaled = [p if scale is None else p * scale[k][:, None].to(p) for k, p in enumerate(parts)]
             return pad(self._plain.transpose.times(torch.cat(scaled, 1)), (0, wide - count))
-        if any(part.stride() != (x.stride(0), 1) for part in parts):
+        if any(part.stride() != x.stride() for part in parts):
             parts = [part.contiguous() for part in parts]
         made = room(x, self.nodes + len(self.twin), wide).zero_()
         points = len(self.cell), _part(len(self.cell)), self.cell, self.beyond, self.own
         scales = None if scale is None else addresses(scale)
-        call(
-            found.ways_down,
-            *points,
-            *_layout(parts),
-            scales,
-            self.nodes,
-            len(self.twin),
-            self.twin,
-            made,
-            wide,
-        )
+        twins = self.nodes, len(self.twin), self.twin
+        call(found.ways_down, *points, *_layout(parts), scales, *entries(rim), *twins, made, wide)
         return made[: self.nodes]
 
     @cached_property
@@ -153,6 +146,7 @@ def padded(count: int) -> int:
     return next((width for width in WIDTHS if width >= count), -(-count // WIDTHS[-1]) * WIDTHS[-1])
 
 
-def _layout(parts: Sequence[Float[Tensor, "P C"]]) -> tuple[Tensor, int, int, int]:
-    """Where each is, how many, their columns, and numbers from row to row."""
-    return addresses(parts), len(parts), parts[0].shape[1], parts[0].stride(0)
+def _layout(parts: Sequence[Float[Tensor, "P C"]]) -> tuple[Tensor, int, int, int, int]:
+    """Where each is, how many, their columns, and numbers from row to row and from column to column."""
+    (count, (pitch, step)) = parts[0].shape[1], parts[0].stride()
+    return addresses(parts), len(parts), count, pitch, step
