@@ -167,6 +167,17 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
 
 
 def traced(case: Case, samples: int, kept: Path | None) -> Tensor:
+    """Mitsuba's picture twice, of seeds of its own each (2, h, w, 3), in W/(m² sr); see `freed`."""
+    if kept is not None and kept.is_file():
+        return torch.load(kept)
+    halves = torch.stack([freed(case, samples, seed) for seed in range(2)])
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(halves, kept)
+    return halves
+
+
+def freed(case: Case, samples: int, seed: int) -> Tensor:
     """Mitsuba's picture (h, w, 3), in W/(m² sr), freed of how far off a boundary its rays start.
 
     It traces in single precision, and rays start 9e-5 × (1 + the largest coordinate) beyond what they cross:
@@ -174,22 +185,18 @@ def traced(case: Case, samples: int, kept: Path | None) -> Tensor:
     distance from the origin: the same scene further away tells what none would be. Each channel is traced by
     itself, as a grey medium: weights that differ between channels leave bright dots for long.
     """
-    if kept is not None and kept.is_file():
-        return torch.load(kept)
-    seen = [
-        torch.stack([once(case, channel, seed, samples, away) for channel in range(3)], -1)
-        for seed, away in enumerate((0.0, AWAY * case.reach))
-    ]
+    far = AWAY * case.reach
+    # what is seen from there counts for little, and so does its noise
+    here, there = (
+        torch.stack([once(case, channel, 2 * seed + place, count, away) for channel in range(3)], -1)
+        for place, (count, away) in enumerate(((samples, 0.0), (max(samples // 4, 1), far)))
+    )
     hits = primary_hits(case.camera, case.occluder, *every_pixel(case.camera), torch.float32)
     place = hits.points.position(case.solid)
-    near, far = (1 + (place + place.new_tensor([x, 0, 0])).abs().amax(1) for x in (0.0, AWAY * case.reach))
-    share = torch.full((len(seen[0].flatten(0, 1)),), float((near / (far - near)).mean()))
-    share[hits.pixel] = (near / (far - near)).to(share)
-    truth = seen[0] + share.reshape(*seen[0].shape[:2], 1) * (seen[0] - seen[1])
-    if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        torch.save(truth, kept)
-    return truth
+    near, beyond = (1 + (place + place.new_tensor([x, 0, 0])).abs().amax(1) for x in (0.0, far))
+    share = torch.full((len(here.flatten(0, 1)),), float((near / (beyond - near)).mean()))
+    share[hits.pixel] = (near / (beyond - near)).to(share)
+    return here + share.reshape(*here.shape[:2], 1) * (here - there)
 
 
 def every_pixel(camera: Camera) -> tuple[Tensor, Tensor]:

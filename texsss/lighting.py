@@ -4,12 +4,11 @@ from functools import cached_property
 
 from texsss import placing
 from texsss.cache import Kept
-from texsss.light.emitters import Light
-from texsss.light.irradiance import irradiance_at
+from texsss.light.emitters import Environment, Light
+from texsss.light.irradiance import Weighing, irradiance_at
 from texsss.light.sites import Sites, sites_at
 from texsss.look import bumped
 from texsss.matter import Matter
-from texsss.profiles.angular import Angular
 from texsss.surface.points import Points
 from texsss.types import Float, Tensor
 
@@ -38,17 +37,19 @@ class Lighting(Matter):
         images = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal].value}
         return sites_at(points, mesh, bumped(surface, images, points, mesh))
 
-    def entered(self, sites: Sites, stage: str, by_angle: Angular | None = None) -> Float[Tensor, "P 3"]:
+    def entered(
+        self, sites: Sites, stage: str, by_angle: Weighing | None = None, *, surroundings: bool = True
+    ) -> Float[Tensor, "P 3"]:
         """Entered irradiance at sites [W/m²], weighed by its angle where told how."""
         return irradiance_at(
             sites,
-            self.lights,
+            [light for light in self.lights if surroundings or not isinstance(light, Environment)],
             eta=self.stack.value.eta,
             occluder=self.occluder.value,
             environment_samples=placing.environment_samples(self.scene),
             area_samples=placing.area_samples(self.scene),
             seed=self.scene.seed,
-            by_angle=None if by_angle is None else by_angle.at,
+            by_angle=by_angle,
             **self.hooks(stage),
         )
 
@@ -78,5 +79,19 @@ class Lighting(Matter):
         if how is None:
             return self.irradiance
         sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
-        make = lambda: self.entered(sites.value, "light", how.value)  # noqa: E731
+        make = lambda: self.entered(sites.value, "light", how.value.at)  # noqa: E731
         return self.stage("light", make, sites, self.lights_key, eta, seed, how)
+
+    @property
+    def irradiance_beside(self) -> Kept | None:
+        """Irradiance at the texels of light that leaves where it entered by both angles; None unless known.
+
+        That of surroundings, which comes from everywhere, is none.
+        """
+        how = self.angular
+        if how is None or how.value.beside is None:
+            return None
+        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        weighing = how.value.beside_at
+        make = lambda: self.entered(sites.value, "light", weighing, surroundings=False)  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed, how, "beside")

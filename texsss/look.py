@@ -87,20 +87,24 @@ def shower(
     atlas_uv: Float[Tensor, "F 3 2"],
     single: Callable[[Hits], Tensor] | None = None,
     by_angle: Angular | None = None,
+    beside: Float[Tensor, "H W 3"] | None = None,
 ) -> Callable[[Sight], Tensor]:
     """The function from what is seen to radiance (P, 3) [W/(m² sr)], scattered light included.
 
     `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
     diffusion. `single`: radiance of light scattered once at hits, to be added. `by_angle`: how all other
-    leaves; evenly when None.
+    leaves; evenly when None. `beside`: an image of what leaves by its second mode [W/m²].
     """
     shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
+    near = None if beside is None else Texture.of(beside)
 
     def show(seen: Sight) -> Tensor:
         hits = seen.hits
         scattered = shown.at(hits.points.uv(atlas_uv)) if isinstance(shown, Texture) else shown(hits)
         if by_angle is not None:
             scattered = scattered * by_angle.at(seen.cosine)
+            if near is not None:
+                scattered = scattered + near.at(hits.points.uv(atlas_uv)) * by_angle.beside_at(seen.cosine)
         radiance = scattered * seen.gain + seen.gloss
         return radiance if single is None else radiance + single(hits)
 

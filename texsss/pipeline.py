@@ -101,6 +101,24 @@ class Run(Diffusing):
             seed=self.scene.seed,
         )
 
+    @property
+    def beside(self) -> Kept | None:
+        """What leaves the texels where it entered [W/m²], by its angles at both; None unless known."""
+        light, pre = self.irradiance_beside, self.albedo_share("pre")
+        if light is None:
+            return None
+        total = self.profile("total") if self.normalised else None
+
+        def make():
+            entered = light.value if pre is None else light.value * pre.value
+            return (
+                entered
+                if total is None
+                else entered * share_of(total.value.table.sum(1))[total.value.row.long()]
+            )
+
+        return self.stage("exitance", make, light, pre, total)
+
     @cached_property
     def camera(self) -> Kept:
         """Where the picture is taken from."""
@@ -140,7 +158,7 @@ class Run(Diffusing):
         scene, surface = self.scene, self.scene.material.surface
         (mesh, _), atlas, occluder = self.mesh.value, self.atlas.value, self.occluder.value
         methods, eta, maps = scene.methods, self.stack.value.eta, self.surface_maps
-        once, how_leaves = self.single, self.angular
+        once, how_leaves, beside = self.single, self.angular, self.beside
         scattering = "total" if once is None else "unmarched"
         at_hits = methods.diffusion == "octree" and methods.octree.receivers == "hits"
         image = (self.emission if at_hits else self.diffused)(scattering)
@@ -154,7 +172,8 @@ class Run(Diffusing):
             tint = None if surface.albedo is None else maps[surface.albedo].value
             single = once if once is None or tint is None else tinted(once, tint, mesh)
             angles = None if how_leaves is None else how_leaves.value
-            show = shower(scattered(), atlas.uv, single, angles)
+            near = None if beside is None else self.texels.value.to_image(beside.value)
+            show = shower(scattered(), atlas.uv, single, angles, near)
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(
@@ -173,6 +192,7 @@ class Run(Diffusing):
         lit = (
             image,
             how_leaves,
+            beside,
             (self.irradiance, methods.octree) if at_hits else None,
             marched,
             maps,

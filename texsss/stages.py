@@ -25,7 +25,7 @@ STAGE_VERSIONS = {
     "samples": 1,
     "octree": 2,
     "weights": 3,
-    "angular": 1,
+    "angular": 2,
     "exchange": 1,
     "echo": 1,
     "exitance": 1,

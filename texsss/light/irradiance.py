@@ -21,6 +21,9 @@ SHARING = 16  # sites that take each other's looks at the surroundings
 AREA_SAMPLES = 16
 RAYS = 1 << 15  # sites that a thread takes at a time
 
+Weighing = Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]]
+"""The weight of light by the cosine at which it enters."""
+
 
 def irradiance(
     points: Points,
@@ -48,7 +51,7 @@ def irradiance_at(
     area_samples: int = AREA_SAMPLES,
     sharing: int = SHARING,
     seed: int = 0,
-    by_angle: Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]] | None = None,
+    by_angle: Weighing | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> Float[Tensor, "P 3"]:
@@ -106,7 +109,7 @@ def _sampled(
     eta: float,
     occluder: Occluder | None,
     squares: Iterable[Tensor],
-    by_angle: Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]] | None,
+    by_angle: Weighing | None,
     cancel: Cancel | None,
 ) -> Float[Tensor, "P 3"]:
     """Entered irradiance of one light, the mean over `squares` (P, 2) in 0..1².
