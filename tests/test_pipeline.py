@@ -10,7 +10,7 @@ from texsss.baker import Baker, bake
 from texsss.errors import AssetError, Cancelled, DomainError, ShapeError
 from texsss.io.images import read_image, write_png
 from texsss.media.presets import preset
-from texsss.media.stack import Stack
+from texsss.media.stack import Layer, Stack
 from texsss.numerics.sampling import bilinear
 from texsss.profiles.hankel import hankel_profiles
 from texsss.scene import Scene
@@ -353,6 +353,33 @@ def test_light_passes_through_thin_parts_alone(small):
         assert float(through.texel_exitance[below, 0].mean()) > 0.1
         energy = through.report["energy"]
         assert all(out < into for out, into in zip(energy["left_w"], energy["entered_w"], strict=True))
+
+
+@pytest.mark.parametrize("thickness", [0.3, 1.0])
+def test_plates_thinner_than_the_octrees_samples_are_apart_pass_what_they_should(tmp_path, thickness):
+    """T̂(0) of a plate lit from behind, whose sides are nearer than the samples."""
+    path = tmp_path / "plate.obj"
+    side, rows = 24.0, []
+    for z, u in ((0.0, 0.02), (-thickness, 0.52)):
+        for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)):
+            rows.append(f"v {x * side} {y * side} {z}\nvt {u + 0.46 * x} {0.02 + 0.46 * y}")
+    faces = ["f 1/1 2/2 3/3 4/4", "f 8/8 7/7 6/6 5/5"]
+    path.write_text("\n".join(rows + faces))
+    scene = Scene.parse(
+        {
+            "mesh": {"source": str(path), "unit_mm": 1},
+            "atlas": {"uv": "source", "size": 32},
+            "material": {"layers": [{"medium": "marble"}]},
+            "lights": [{"type": "directional", "direction": [0, 0, -1], "irradiance_w_per_m2": [1, 1, 1]}],
+            "methods": {"diffusion": "octree", "transmission": True, "octree": {"spacing_mm": 1.0}},
+        }
+    )
+    baked = bake(scene)
+    place = baked.texels.points.position(baked.texels.mesh)
+    middle = ((place[:, :2] - side / 2).abs() < 3).all(1) & (place[:, 2] == 0)
+    _, T = hankel_profiles(Stack([Layer(preset("marble"), thickness)]), torch.zeros(1))
+    passed = baked.texel_exitance[middle].mean(0) / baked.texel_irradiance.amax(0)
+    torch.testing.assert_close(passed, T[0], rtol=0.01, atol=0)
 
 
 def test_thick_objects_let_nothing_through(small):

@@ -12,7 +12,7 @@ from texsss.look import painted
 from texsss.numerics.sampling import bilinear
 from texsss.profiles.through import straight
 from texsss.surface.points import Points
-from texsss.transport.octree.exitance import Surface, emission
+from texsss.transport.octree.exitance import RESOLVED, Surface, emission
 from texsss.transport.octree.samples import MOST_SAMPLES, affordable_spacing, surface_samples
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
@@ -124,5 +124,5 @@ class Hierarchy(Lighting):
             far = far_side(points, mesh, self.occluder.value, **self.hooks("thickness"))
         back, passed = self.weights_at(points, scattering, far)
         if passed is not None and far is not None:
-            passed = straight(passed, far.thickness)
+            passed = straight(passed, far.thickness, RESOLVED * self.sample_spacing)
         return Surface(points.position(mesh), points.normal(mesh), light, back, passed)

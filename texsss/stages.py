@@ -23,7 +23,7 @@ STAGE_VERSIONS = {
     "bank": 1,
     "thickness": 1,
     "samples": 1,
-    "octree": 2,
+    "octree": 3,
     "weights": 3,
     "angular": 2,
     "exchange": 1,

@@ -106,6 +106,18 @@ def test_straight_distances_give_the_same_light(thickness: float):
     assert bool((fitted.table >= 0).all())
 
 
+@pytest.mark.parametrize("thickness", [0.1, 0.3, 1.0, 3.0])
+def test_what_is_finer_than_samples_is_left_to_what_is_not(thickness: float):
+    away = torch.full((1,), thickness)
+    _, passed = weights_through(Stack(preset("skin1")), LADDER, away)
+    fitted = straight(passed, away, 1.5)
+    wide = LADDER.sqrt() >= 1.5
+    assert float(fitted.table[:, ~wide].abs().max()) == 0.0
+    falls = torch.exp(-(thickness**2) / (2 * LADDER[wide]))[:, None]
+    total = (fitted.table[0, wide] * falls).sum(0)
+    torch.testing.assert_close(total, passed.total[0].to(total), rtol=1e-4, atol=1e-6)
+
+
 def test_beyond_all_gaussians_nothing_passes():
     away = torch.full((1,), 500.0)
     _, passed = weights_through(Stack(preset("skin1")), LADDER, away)

@@ -106,13 +106,14 @@ def ended(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
     return replace(table.of([sigma_a, sigma_s, g, torch.stack(depths, 1)]), bottomless=False)
 
 
-def straight(passed: Weights, thickness: Float[Tensor, " P"]) -> Weights:
+def straight(passed: Weights, thickness: Float[Tensor, " P"], finest_mm: float | int = 0.0) -> Weights:
     """`passed` as sums of Gaussians of the straight distance between the two sides, `thickness` [mm] apart.
 
     A Gaussian of the straight distance is e^(-d²/2v) times that of the distance along the surface, so its
     weight grows by the inverse; those whose d is beyond two deviations leave their share to the
-    narrowest within, and none is negative: far sides nearer than d must not be flooded. The total is kept,
-    unless the object is thicker than two deviations of the widest.
+    narrowest within, and none is negative: far sides nearer than d must not be flooded. So do those whose
+    deviation is below `finest_mm`, if the light is not known as finely. The total is kept, unless the object
+    is thicker than two deviations of the widest.
     """
     count = len(passed.table)
     # rows are of one thickness each, but for the rounding
@@ -121,7 +122,8 @@ def straight(passed: Weights, thickness: Float[Tensor, " P"]) -> Weights:
     variances, order = passed.variances.to(rows).sort()
     exponent = rows[:, None] ** 2 / (2 * variances.clamp_min(1e-30))  # (U, K), falling
     number = torch.arange(len(order))
-    first = (exponent > STEEPEST).sum(1, keepdim=True).clamp_max(len(order) - 1)
+    unfit = (exponent > STEEPEST) | (variances.sqrt() < finest_mm)
+    first = unfit.sum(1, keepdim=True).clamp_max(len(order) - 1)
     heir = torch.maximum(number, first)
     positive = passed.table.clamp_min(0)
     some = positive.sum(1, keepdim=True)
