@@ -107,6 +107,14 @@ def test_bricks_are_the_dense_sum(reach: int):
     assert bool((out[:, [0, 6]] == 1).all())
 
 
+def test_a_loop_that_gets_no_memory_says_what_to_do():
+    found, key = loops.making(torch.zeros(1)), torch.zeros(3, dtype=torch.int64)
+    assert found is not None
+    columns = 1 << 59  # ends of as many ranges
+    with pytest.raises(DomainError, match="smaller atlas"):
+        loops.call(found.pairs, 3, key, *[None] * 4, columns, None, 0, 1.0, *[None] * 4)
+
+
 def test_more_entries_than_indices_count_are_refused():
     with pytest.raises(DomainError, match="smaller atlas"):
         starts(torch.tensor([2**31 - 1, 1]))

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from texsss.errors import DomainError
 from texsss.numerics.memory import room
 from texsss.numerics.native import library
 from texsss.types import Float, Int, Tensor
@@ -35,9 +36,14 @@ def call(function: Any, *args: Tensor | int | float | None) -> None:
     """`function` of tensors by their addresses, whole numbers of 64 bits and floats, on torch's threads.
 
     Tensors are to be contiguous, of the types that the loop expects; the last argument is added here.
+    Raises DomainError: when the system has no memory for what the loop needs.
     """
-    function.restype = None
-    function(*map(_argument, args), ctypes.c_int64(torch.get_num_threads()))
+    function.restype = ctypes.c_bool
+    if not function(*map(_argument, args), ctypes.c_int64(torch.get_num_threads())):
+        raise DomainError(
+            "surface diffusion: expected memory for lists of neighbours, got none; choose a smaller atlas, "
+            "or end other programs."
+        )
 
 
 def _argument(value: Tensor | int | float | None) -> Any:

@@ -95,14 +95,17 @@ static std::vector<int64_t> voxels_of(const int64_t* key, int64_t points) {
 
 extern "C" {
 
+// Each says whether there was memory for what it needed
+
 // Points in the order of their voxels' `key`; x, y, z are sorted so too, `order` says which each is. `offset`:
 // from a voxel to the `columns` around it, each a run of keys 2·`steps` + 1 long. Fills `count`, or, where that
 // is null, `column` and `squared` from `start` on.
-void pairs(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
+bool pairs(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
            int64_t columns, const int64_t* offset, int64_t steps, float radius_squared, int32_t* count,
            const int32_t* start, int32_t* column, float* squared, int64_t threads) {
-  const std::vector<int64_t> voxels = voxels_of(key, points);
-  parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
+  std::vector<int64_t> voxels;
+  if (!parallel(1, 1, [&](int64_t, int64_t) { voxels = voxels_of(key, points); })) return false;
+  return parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
     Around around(key, points, offset, columns, steps);
     std::vector<int32_t> near;
     std::vector<float> away;
@@ -136,13 +139,14 @@ void pairs(int64_t points, const int64_t* key, const int32_t* order, const float
 
 // Points as for `pairs`, with their unit normals; all but `order` go on for one vector. `result` (points, 10): how many
 // lie within the radius and face the same half-space, then the sums of x, y, z, xx, xy, xz, yy, yz, zz from each point
-void spread(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
+bool spread(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
             const float* nx, const float* ny, const float* nz, int64_t columns, const int64_t* offset, int64_t steps,
             float radius_squared, float* result, int64_t threads) {
-  const std::vector<int64_t> voxels = voxels_of(key, points);
+  std::vector<int64_t> voxels;
+  if (!parallel(1, 1, [&](int64_t, int64_t) { voxels = voxels_of(key, points); })) return false;
   I lane;
   for (int k = 0; k < WIDTH; k++) lane[k] = k;
-  parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
+  return parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
     Around around(key, points, offset, columns, steps);
     for (int64_t v = first; v < last; v++) {
       around.of(key[voxels[v]]);
@@ -172,9 +176,9 @@ void spread(int64_t points, const int64_t* key, const int32_t* order, const floa
 
 // Per row that is `asked` for: the sum of weights, and of weights times squared distances, over the pairs that
 // `reach` keeps
-void moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int32_t* column, const float* squared, const float* widest,
-             float reach, const float* sharpness, const float* area, float* sum, float* moment, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last) {
+bool moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int32_t* column, const float* squared,
+             const float* widest, float reach, const float* sharpness, const float* area, float* sum, float* moment, int64_t threads) {
+  return parallel(rows, threads, [=](int64_t first, int64_t last) {
     std::vector<float> weight;
     for (int64_t i = first; i < last; i++) {
       if (!asked[i]) continue;
@@ -196,11 +200,11 @@ void moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int
 
 // Weights of 0 to `whole` of those pairs. Fills the count of diagonals of every strip of rows: distances between
 // points; or, where that is null, entries from `start` on (their weights 0 so far) and the `total` of weight × area.
-void entries(int64_t rows, const int32_t* from, const int32_t* point, const float* squared, const float* widest,
+bool entries(int64_t rows, const int32_t* from, const int32_t* point, const float* squared, const float* widest,
              float reach, const float* sharpness, const float* area, float whole, int32_t* diagonals,
              const int32_t* start, int32_t* distance, uint8_t* weight, float* total, int64_t threads) {
   const int64_t strips = (rows + STRIP - 1) / STRIP;
-  parallel(strips, threads, [=](int64_t first, int64_t last) {
+  return parallel(strips, threads, [=](int64_t first, int64_t last) {
     Distances seen;
     for (int64_t s = first; s < last; s++) {
       const int64_t top = s * STRIP, end = std::min(rows, top + STRIP);

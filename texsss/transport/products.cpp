@@ -152,69 +152,70 @@ static void number_means(int64_t first, int64_t last, const int32_t* start, cons
 
 extern "C" {
 
+// Each says whether there was memory for what it needed
+
 // y = after · W (before · x), or added to y; W of whole numbers, by diagonals of STRIP rows. `scaled`: a plane of
 // STRIP + rows + STRIP for every column, where before · x goes first unless `x` is null: then it is there. Numbers of
 // x are `pitch` and `step` apart; `rim_…`: what its rows get of those behind them, see Rim.
-void kernel_times(int64_t rows, const int32_t* start, const int32_t* distance, const uint8_t* weight,
+bool kernel_times(int64_t rows, const int32_t* start, const int32_t* distance, const uint8_t* weight,
                   const float* before, const float* after, const float* x, int64_t count, int64_t pitch, int64_t step,
                   const int32_t* rim_start, const int32_t* rim_row, const float* rim_value, float* scaled, float* y,
                   int64_t added, int64_t threads) {
   const int64_t plane = rows + 2 * STRIP, strips = (rows + STRIP - 1) / STRIP;
   const Rim rim{rim_start, rim_row, rim_value, rows};
-  if (x)
-    parallel(rows, threads, [=](int64_t first, int64_t last) {
-      for (int64_t c = 0; c < count; c++) {
-        const float* from = x + c * step;
-        float* to = scaled + c * plane + STRIP;
-        if (pitch == 3)  // a constant, for vectors
-          for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * 3];
-        else
-          for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * pitch];
-        if (first == 0) std::fill(to - STRIP, to, 0.0f);
-        if (last == rows) std::fill(to + rows, to + rows + STRIP, 0.0f);
-      }
-      if (rim.start)
-        for (int64_t i = first; i < last; i++)
-          rim.give(i, [&](float value, int64_t row) {
-            for (int64_t c = 0; c < count; c++)
-              scaled[c * plane + STRIP + i] += before[i] * value * x[row * pitch + c * step];
-          });
-    });
-  parallel(strips, threads, [=](int64_t first, int64_t last) {
+  const auto scale = [=](int64_t first, int64_t last) {
+    for (int64_t c = 0; c < count; c++) {
+      const float* from = x + c * step;
+      float* to = scaled + c * plane + STRIP;
+      if (pitch == 3)  // a constant, for vectors
+        for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * 3];
+      else
+        for (int64_t i = first; i < last; i++) to[i] = before[i] * from[i * pitch];
+      if (first == 0) std::fill(to - STRIP, to, 0.0f);
+      if (last == rows) std::fill(to + rows, to + rows + STRIP, 0.0f);
+    }
+    if (rim.start)
+      for (int64_t i = first; i < last; i++)
+        rim.give(i, [&](float value, int64_t row) {
+          for (int64_t c = 0; c < count; c++)
+            scaled[c * plane + STRIP + i] += before[i] * value * x[row * pitch + c * step];
+        });
+  };
+  const auto multiply = [=](int64_t first, int64_t last) {
     if (count == 3)
-      strips_times<3>(first, last, rows, start, distance, weight, after, count, added, scaled, plane, y);
-    else
-      for (int64_t c = 0; c < count; c++)
-        strips_times<1>(first, last, rows, start, distance, weight, after, count, added, scaled + c * plane, plane,
-                        y + c);
-  });
+      return strips_times<3>(first, last, rows, start, distance, weight, after, count, added, scaled, plane, y);
+    for (int64_t c = 0; c < count; c++)
+      strips_times<1>(first, last, rows, start, distance, weight, after, count, added, scaled + c * plane, plane,
+                      y + c);
+  };
+  return (!x || parallel(rows, threads, scale)) && parallel(strips, threads, multiply);
 }
 
 // A convolution along z, y and x of `count` columns of nodes. Turn by turn: from `bricks` to `first`, `second` and
 // `bricks` again, which `last` names; `near_…`: the `around` bricks from which each is made; `taps` as in Taps. `even`
 // and `odd`: room for the bricks in between. Adds to y where `added`.
-void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_t around, int64_t reach, int64_t count,
+bool bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_t around, int64_t reach, int64_t count,
                   const int32_t* start, const int8_t* place, const int32_t* near_z, const int32_t* near_y,
                   const int32_t* near_x, const int32_t* last_of, const float* padded_taps, float* even, float* odd,
                   const float* x, int64_t pitch, float* y, int64_t y_pitch, int64_t added, int64_t threads) {
   using namespace bricks;
   const int64_t size = count * NODES;
   const Taps taps(padded_taps, reach);
-  parallel(all, threads, [=](int64_t first, int64_t last) {
+  const auto fill = [=](int64_t first, int64_t last) {
     for (int64_t b = first; b < last; b++) {
       float* to = even + b * size;
       std::fill(to, to + size, 0.0f);
       for (int64_t n = start[b]; n < start[b + 1]; n++)
         for (int64_t c = 0; c < count; c++) to[c * NODES + place[n]] = x[n * pitch + c];
     }
-  });
-  parallel(first_count, threads, [=](int64_t first, int64_t last) {
+  };
+  const auto along_z = [=](int64_t first, int64_t last) {
     for (int64_t b = first; b < last; b++) turned(count, taps, near_z + b * around, even, size, odd + b * size);
-  });
-  parallel(second_count, threads, [=](int64_t first, int64_t last) {
+  };
+  const auto along_y = [=](int64_t first, int64_t last) {
     for (int64_t b = first; b < last; b++) turned(count, taps, near_y + b * around, odd, size, even + b * size);
-  });
-  parallel(all, threads, [=](int64_t first, int64_t last) {
+  };
+  const auto along_x = [=](int64_t first, int64_t last) {
     float made[3 * NODES];
     for (int64_t b = first; b < last; b++)
       for (int64_t c = 0; c < count; c += 3) {
@@ -226,15 +227,17 @@ void bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_
             *to = made[k * NODES + place[n]] + (added ? *to : 0.0f);
           }
       }
-  });
+  };
+  return parallel(all, threads, fill) && parallel(first_count, threads, along_z) &&
+         parallel(second_count, threads, along_y) && parallel(all, threads, along_x);
 }
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
-void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
+bool ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
              int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
              const int64_t* scale, int64_t threads) {
   const Groups out{address, scale, groups, each, pitch, step, Rim{}};
-  parallel(count, threads, [=](int64_t from, int64_t to) {
+  return parallel(count, threads, [=](int64_t from, int64_t to) {
     laid(out, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
       some_up<decltype(width)::value>(first, last, cell, beyond, corner, x + c, x_pitch, rows);
     });
@@ -244,28 +247,29 @@ void ways_up(int64_t count, const int32_t* cell, const float* beyond, const int3
 // The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the points, as
 // many to each, would add to at once: row `nodes` + i belongs to `twin`[i], in ascending order. `rim_…`: what points
 // get of the rows behind them, see Rim.
-void ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
+bool ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
                const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
                const int64_t* scale, const int32_t* rim_start, const int32_t* rim_row, const float* rim_value,
                int64_t nodes, int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
   const Groups in{address, scale, groups, each, pitch, step, Rim{rim_start, rim_row, rim_value, count}};
-  parallel((count + some_points - 1) / some_points, threads, [=](int64_t from, int64_t to) {
+  const auto spread = [=](int64_t from, int64_t to) {
     laid(in, from * some_points, std::min(count, to * some_points),
          [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
            some_down<decltype(width)::value>(first, last, cell, beyond, corner, y + c, y_pitch, rows);
          });
-  });
-  parallel(twins, threads, [=](int64_t first, int64_t last) {
+  };
+  const auto together = [=](int64_t first, int64_t last) {
     while (first > 0 && first < twins && twin[first] == twin[first - 1]) first++;  // others have begun that row
     for (int64_t i = first; i < twins && (i < last || (i > first && twin[i] == twin[i - 1])); i++)
       for (int64_t c = 0; c < y_pitch; c++) y[twin[i] * y_pitch + c] += y[(nodes + i) * y_pitch + c];
-  });
+  };
+  return parallel((count + some_points - 1) / some_points, threads, spread) && parallel(twins, threads, together);
 }
 
 // Means of covered rows, `each` columns, put behind them in every group
-void gutter_times(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
+bool gutter_times(int64_t rows, const int32_t* start, const int32_t* column, const float* value, int64_t covered,
                   const int64_t* address, int64_t groups, int64_t each, int64_t threads) {
-  parallel(rows, threads, [=](int64_t first, int64_t last) {
+  return parallel(rows, threads, [=](int64_t first, int64_t last) {
     if (each == 3) return colour_means(first, last, start, column, value, covered, address, groups);
     for (int64_t g = 0; g < groups; g++)
       for (int64_t c = 0; c < each; c++)
