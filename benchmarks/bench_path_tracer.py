@@ -4,6 +4,9 @@
 
 Both see the same mesh of one homogeneous medium behind a boundary without refraction (eta 1), lit by one
 point light. Pictures are averaged over boxes of 5 × 5 pixels; compared where a box lies within the object.
+The tracer's noise is told from the methods' errors: it traces twice, by seeds of its own, and the mean square
+of half the difference is that of the noise in the mean of both; it is taken off the squared errors. Ours are
+seen by 3 × 3 rays per pixel of equal weight: `camera.samples` would weigh bright ones down along outlines.
 """
 
 import argparse
@@ -27,8 +30,17 @@ from texsss.view.camera import Camera, pixel_centres, primary_hits
 
 HEAD = Path(__file__).resolve().parents[2] / "shared" / "data" / "head" / "LeePerrySmith.obj"
 OWN = "axolotl/axolotl.obj"
-BALL_MM = 100.0  # radius of a head
+# what is seen (the radius of a ball [mm], a file or our own), millimetres per unit, and what it is made of
+OBJECTS: dict[str, tuple[float | Path | str, float | None, str]] = {
+    "ball": (100.0, 1.0, "skin1"),
+    "marble": (20.0, 1.0, "marble"),
+    "bead": (5.0, 1.0, "marble"),
+    "head": (HEAD, None, "skin1"),
+    "axolotl": (OWN, 1.0, "marble"),
+    "large axolotl": (OWN, 3.0, "marble"),
+}
 BOX = 5  # pixels
+FINER = 3  # rays of ours along each edge of a pixel
 METHODS = {
     "no diffusion (Lambert)": {"diffusion": "none"},
     "diffusion of all light": {"diffusion": "surface"},
@@ -54,10 +66,10 @@ AWAY = 1.5  # extents of the object: how far it is moved to tell what its distan
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=256, help="of the path tracer, per pixel")
-    parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
+    parser.add_argument("--samples", type=int, default=256, help="of the path tracer, per pixel, twice")
+    parser.add_argument("--size", type=int, nargs=2, default=(200, 150), metavar=("W", "H"))
     parser.add_argument("--atlas", type=int, default=1024)
-    parser.add_argument("--only", choices=("ball", "head", "axolotl", "large axolotl"))
+    parser.add_argument("--only", choices=tuple(OBJECTS))
     parser.add_argument("--keep", type=Path, help="a folder of what was traced, to be taken from there again")
     parser.add_argument("--pictures", type=Path, help="a folder for the pictures, as PNG")
     arguments = parser.parse_args()
@@ -70,13 +82,13 @@ def main() -> None:
     mitsuba.set_variant("scalar_rgb")
     drjit.set_thread_count(torch.get_num_threads())
     with tempfile.TemporaryDirectory() as folder:
-        everything(arguments, ball(Path(folder)))
+        everything(arguments, Path(folder))
 
 
-def ball(folder: Path) -> Path:
+def ball(folder: Path, radius: float) -> Path:
     """A file of a sphere: nothing on it lights anything else on it."""
-    path = folder / "ball.obj"
-    trimesh.creation.icosphere(subdivisions=6, radius=BALL_MM).export(path)
+    path = folder / f"ball{radius:g}.obj"
+    trimesh.creation.icosphere(subdivisions=6, radius=radius).export(path)
     return path
 
 
@@ -94,20 +106,18 @@ class Case:
     reach: float
 
 
-def everything(arguments: argparse.Namespace, sphere: Path) -> None:
+def everything(arguments: argparse.Namespace, folder: Path) -> None:
     """Prints the tables of all objects."""
-    for name, mesh, medium in (
-        ("ball", {"source": {"path": str(sphere)}, "unit_mm": 1.0}, "skin1"),
-        ("head", {"source": {"path": str(HEAD)}}, "skin1"),
-        ("axolotl", {"source": {"builtin": OWN}, "unit_mm": 1.0}, "marble"),
-        ("large axolotl", {"source": {"builtin": OWN}, "unit_mm": 3.0}, "marble"),
-    ):
+    for name, (source, unit_mm, medium) in OBJECTS.items():
         if arguments.only not in (None, name):
             continue
-        if name == "head" and not HEAD.is_file():
+        if source == HEAD and not HEAD.is_file():
             print(f"{name}: skipped, {HEAD} is absent")
             continue
-        compared(name, mesh, medium, arguments)
+        if isinstance(source, float):
+            source = ball(folder, source)
+        mesh: dict = {"source": {"path": str(source)} if isinstance(source, Path) else {"builtin": source}}
+        compared(name, mesh if unit_mm is None else mesh | {"unit_mm": unit_mm}, medium, arguments)
 
 
 def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) -> None:
@@ -133,8 +143,8 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
         "camera": {
             "position_mm": eye.tolist(),
             "target_mm": target.tolist(),
-            "resolution": arguments.size,
-            "samples": 16,
+            "resolution": [FINER * n for n in arguments.size],
+            "samples": 1,
         },
         "output": {"background": [0.0, 0.0, 0.0]},
     }
@@ -143,24 +153,20 @@ def compared(name: str, mesh: dict, medium: str, arguments: argparse.Namespace) 
     kept = arguments.keep and arguments.keep / f"{name} {size} {arguments.samples}.pt"
     truth = traced(case, arguments.samples, kept)
     print(f"\n{name}, {medium}, {reach:.0f} mm, {arguments.size[0]} × {arguments.size[1]}")
-    print(f"path tracer, {arguments.samples} samples: {time.perf_counter() - start:.1f} s\n")
-    print("| picture | relative RMSE, R G B | mean ratio, R G B | first, s | again, s |")
-    print("|---|---|---|---|---|")
-    shown = {"path tracer": truth}
+    print(f"path tracer, twice {arguments.samples} samples: {time.perf_counter() - start:.1f} s\n")
+    print("| picture | RMSE, R G B | of it noise | without noise | mean ratio, R G B | first, s | again, s |")
+    print("|---|---|---|---|---|---|---|")
+    shown = {"path tracer": truth.mean(0)}
     for label, methods in METHODS.items():
         given = Scene.parse(scene | {"methods": methods})
         start = time.perf_counter()
-        image = baker.render(given)
+        image = meaned(baker.render(given))
         seconds = time.perf_counter() - start
         start = time.perf_counter()
         baker.render(given.model_copy(update={"seed": 1}))
         again = time.perf_counter() - start
-        wrong, ratio = errors(image, truth)
-        print(
-            f"| {label} | {' '.join(f'{w:.3f}' for w in wrong)} | {' '.join(f'{r:.3f}' for r in ratio)} "
-            f"| {seconds:.1f} | {again:.1f} |",
-            flush=True,
-        )
+        columns = (" ".join(f"{x:.3f}" for x in column) for column in errors(image, truth))
+        print(f"| {label} | {' | '.join(columns)} | {seconds:.1f} | {again:.1f} |", flush=True)
         shown[label] = image
     if arguments.pictures is not None:
         save(arguments.pictures, name, shown)
@@ -257,13 +263,24 @@ def once(case: Case, channel: int, seed: int, samples: int, away: float) -> Tens
         return torch.from_numpy(np.array(mi.render(scene, seed=3 * seed + channel)))[..., 0]
 
 
-def errors(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) -> tuple[Tensor, Tensor]:
-    """Root mean square of the difference over the mean, and ratio of means, per channel."""
-    ours, theirs, covered = (boxes(x) for x in (image, truth, (image.sum(-1, keepdim=True) > 0).float()))
-    inside = covered[0, 0] > 0.999
-    ours, theirs = ours[0, :, inside].double(), theirs[0, :, inside].double()
-    mean = theirs.mean(1)
-    return (ours - theirs).square().mean(1).sqrt() / mean, ours.mean(1) / mean
+def meaned(image: Float[Tensor, "H W 3"]) -> Float[Tensor, "h w 3"]:
+    """Means of the rays of each pixel."""
+    return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1)[None], FINER)[0].permute(1, 2, 0)
+
+
+def errors(image: Float[Tensor, "h w 3"], halves: Float[Tensor, "2 h w 3"]) -> tuple[Tensor, ...]:
+    """Root mean square of the difference, of the noise, of the rest, all over the mean; ratio of means.
+
+    Per channel, from the means of boxes. The rest is 0 where noise is more than the difference.
+    """
+    covered = (image.sum(-1, keepdim=True) > 0).float()
+    ours, one, two, covered = (boxes(x)[0] for x in (image, *halves, covered))
+    inside = covered[0] > 0.999
+    ours, one, two = (x[:, inside].double() for x in (ours, one, two))
+    theirs, noise = (one + two) / 2, ((one - two) / 2).square().mean(1)
+    mean, wrong = theirs.mean(1), (ours - theirs).square().mean(1)
+    squares = wrong, noise, (wrong - noise).clamp_min(0)
+    return *(x.sqrt() / mean for x in squares), ours.mean(1) / mean
 
 
 def boxes(image: Tensor) -> Tensor:

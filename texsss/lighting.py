@@ -4,11 +4,13 @@ from functools import cached_property
 
 from texsss import placing
 from texsss.cache import Kept
+from texsss.light.beneath import arriving
 from texsss.light.emitters import Environment, Light
 from texsss.light.irradiance import Weighing, irradiance_at
 from texsss.light.sites import Sites, sites_at
 from texsss.look import bumped
 from texsss.matter import Matter
+from texsss.surface.curvature import curvature_at, shape_operators
 from texsss.surface.points import Points
 from texsss.types import Float, Tensor
 
@@ -72,15 +74,36 @@ class Lighting(Matter):
         make = lambda: self.entered(sites.value, "light")  # noqa: E731
         return self.stage("light", make, sites, self.lights_key, eta, seed)
 
+    @cached_property
+    def curvature(self) -> Kept:
+        """How the surface curves at the texels (P, 3, 3) [1/mm]."""
+        texels = self.texels.value
+
+        def make():
+            return curvature_at(texels.points, texels.mesh, shape_operators(texels.mesh))
+
+        return self.stage("curvature", make, self.texels)
+
     @property
     def irradiance_by_angle(self) -> Kept:
-        """Entered irradiance at the texels, as much as comes back of its angle per that of diffuse light."""
+        """Entered irradiance at the texels, as much as comes back of its angle per that of diffuse light.
+
+        It lies where it scatters first, beside where it entered.
+        """
         how = self.angular
         if how is None:
             return self.irradiance
-        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
-        make = lambda: self.entered(sites.value, "light", how.value.at)  # noqa: E731
-        return self.stage("light", make, sites, self.lights_key, eta, seed, how)
+        sites, eta, seed, bent = self.sites, self.stack.value.eta, self.scene.seed, self.curvature
+
+        def weight(rows: Tensor, cosine: Tensor, direction: Tensor) -> Tensor:
+            normal = sites.value.normal[rows]
+            beneath = arriving(cosine, direction, normal, bent.value[rows], how.value.free, eta)
+            return how.value.at(cosine) * beneath
+
+        # grazing light that refracts does not reach beyond the terminator
+        weighing = Weighing(weight, float(how.value.free.mean()) if eta == 1 else 0.0)
+        make = lambda: self.entered(sites.value, "light", weighing)  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed, how, bent)
 
     @property
     def irradiance_beside(self) -> Kept | None:
@@ -92,6 +115,9 @@ class Lighting(Matter):
         if how is None or how.value.beside is None:
             return None
         sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
-        weighing = how.value.beside_at
-        make = lambda: self.entered(sites.value, "light", weighing, surroundings=False)  # noqa: E731
+
+        def weight(rows: Tensor, cosine: Tensor, direction: Tensor) -> Tensor:
+            return how.value.beside_at(cosine) * cosine[:, None]
+
+        make = lambda: self.entered(sites.value, "light", Weighing(weight), surroundings=False)  # noqa: E731
         return self.stage("light", make, sites, self.lights_key, eta, seed, how, "beside")

@@ -17,6 +17,7 @@ STAGE_VERSIONS = {
     "maps": 1,
     "albedo": 1,
     "sites": 1,
+    "curvature": 1,
     "light": 4,
     "operators": 8,
     "doubts": 1,

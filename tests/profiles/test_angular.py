@@ -63,6 +63,6 @@ def test_as_much_leaves_as_if_it_left_evenly(eta):
 
 
 def test_what_lies_between_angles_is_a_straight_line_in_the_root():
-    table = Angular(torch.tensor([[0.0], [1.0], [4.0]]))
+    table = Angular(torch.tensor([[0.0], [1.0], [4.0]]), torch.ones(1))
     at = table.at(torch.tensor([-1.0, 0.0, 1 / 16, 9 / 16, 1.0, 2.0]))[:, 0]
     torch.testing.assert_close(at, torch.tensor([0.0, 0.0, 0.5, 2.5, 4.0, 4.0]))

@@ -1,12 +1,14 @@
 """Light that enters the surface at points: every light, with shadows and Fresnel."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError
+from texsss.light.beneath import BEYOND, DEPTH, FARTHEST, enters_freely
 from texsss.light.emitters import Environment, Light, graded
 from texsss.light.sites import Sites, dot, sites_at
 from texsss.light.sky import open_shares
@@ -21,8 +23,22 @@ SHARING = 16  # sites that take each other's looks at the surroundings
 AREA_SAMPLES = 16
 RAYS = 1 << 15  # sites that a thread takes at a time
 
-Weighing = Callable[[Float[Tensor, " R"]], Float[Tensor, "R 3"]]
-"""The weight of light by the cosine at which it enters."""
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """How light counts by its direction, in the place of its cosine.
+
+    `weight` (R, 3): of irradiance on a plane that faces the light, from the numbers of sites, cosines and the
+    directions towards it. `free_mm`: lights without extent count beyond the terminator, too, where they enter
+    within some of that; 0 leaves it dark.
+    """
+
+    weight: Callable[[Int[Tensor, " R"], Float[Tensor, " R"], Float[Tensor, "R 3"]], Float[Tensor, "R 3"]]
+    free_mm: float = 0.0
+
+    def of(self, first: int) -> "Weighing":
+        """That of sites numbered from `first`."""
+        return replace(self, weight=lambda rows, *beam: self.weight(rows + first, *beam))
 
 
 def irradiance(
@@ -61,7 +77,7 @@ def irradiance_at(
     `environment_samples` or `area_samples` times, in an order of their own at every site; the same
     seed gives the same numbers. Of environments, each site traces only every `sharing`-th sample and
     takes the share of light that is not hidden from its `sharing` nearest neighbours, too (a blur of
-    a few texels; 1 traces all). `by_angle` weighs light by its cosine, but that of
+    a few texels; 1 traces all). `by_angle` weighs light by its direction, but that of
     environments, which comes from everywhere. Differentiable in lights and sites, not in visibility,
     nor in an environment's image.
     Raises DomainError: when a number of samples is below 1. Raises Cancelled.
@@ -78,13 +94,14 @@ def irradiance_at(
     def lit(row: slice) -> Float[Tensor, "rows 3"]:
         site = sites[row]
         total = torch.zeros_like(site.position)
+        own = None if by_angle is None else by_angle.of(row.start)
         generator = torch.Generator().manual_seed(seed + row.start)
         for number, light in enumerate(nearby):
             if light.is_delta:
                 squares = [total.new_zeros(len(total), 2)]
             else:
                 squares = _squares(area_samples, len(total), seed + number, generator)
-            total = total + _sampled(light, site, eta, occluder, squares, by_angle, cancel)
+            total = total + _sampled(light, site, eta, occluder, squares, own, cancel)
         ended.append(row)
         if progress is not None and not surroundings:
             progress("light", len(ended) / len(rows))
@@ -123,14 +140,19 @@ def _sampled(
         count += 1
         seen = light.sample(site.position, site.normal, square.to(site.position))
         cosine = dot(site.normal, seen.direction)
-        rows = (cosine > 0).nonzero()[:, 0]
+        free = by_angle.free_mm if by_angle is not None and light.is_delta else 0.0
+        rows = (cosine > (BEYOND if free else 0)).nonzero()[:, 0]
         if not len(rows):
             continue
         cosine, direction = cosine[rows], seen.direction[rows]
-        entering = seen.irradiance[rows] * (cosine * fresnel.transmittance(cosine, eta))[:, None]
-        if by_angle is not None:
-            entering = entering * by_angle(cosine)
+        share = cosine[:, None] if by_angle is None else by_angle.weight(rows, cosine, direction)
+        entering = seen.irradiance[rows] * share * fresnel.transmittance(cosine.clamp_min(0), eta)[:, None]
         hidden = _hidden(occluder, site, rows, direction, seen.distance[rows])
+        if free and occluder is not None:
+            beyond = ((cosine <= 0) & (entering.detach() > 0).any(-1)).nonzero()[:, 0]
+            deep = site.position[rows[beyond]] - DEPTH * free * site.face_normal[rows[beyond]]
+            beams = direction[beyond], seen.distance[rows[beyond]]
+            hidden[beyond] = ~enters_freely(occluder, deep, *beams, FARTHEST * free)
         total = total.index_add(0, rows, entering * (~hidden)[:, None])
     return total if count == 1 else total / count
 

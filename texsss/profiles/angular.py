@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.media import fresnel
-from texsss.media.stack import Stack
+from texsss.media.stack import FAR_MM, Stack
 from texsss.profiles.half_space import departure
 from texsss.profiles.hankel import hankel_profiles
 from texsss.types import Float, Tensor
@@ -20,10 +20,12 @@ class Angular:
     """π × the BRDF of all but what is marched is e(μ) e(μ') R + b(μ) b(μ').
 
     `table` (M, C): e of light whose cosine is (m / (M - 1))², per that of diffuse light. `beside` (M, C): b,
-    of light that leaves where it entered; None where it is not known, or nothing.
+    of light that leaves where it entered; None where it is not known, or nothing. `free` (C,) [mm]: how deep
+    light goes on average before it scatters, straight down.
     """
 
     table: Float[Tensor, "M C"]
+    free: Float[Tensor, " C"]
     beside: Float[Tensor, "M C"] | None = None
 
     def at(self, cosine: Float[Tensor, " P"]) -> Float[Tensor, "P C"]:
@@ -64,7 +66,18 @@ def angular(stack: Stack, *, model: str = "layered-sp3", scattering: str = "unma
     mean = torch.trapezoid(back * enters, cosine, dim=0) / torch.trapezoid(enters, cosine, dim=0)
     some = mean.abs() > 1e-12
     table = torch.where(some, back / torch.where(some, mean, 1), 1.0).float()
+    free = mean_depth(stack).float()
     if stack.eta != 1:
-        return Angular(table)
+        return Angular(table, free)
     beside = [departure(float(r), cosine) if r > LEAST else torch.zeros_like(cosine) for r in mean]
-    return Angular(table, torch.stack(beside, -1).float())
+    return Angular(table, free, torch.stack(beside, -1).float())
+
+
+def mean_depth(stack: Stack) -> Float[Tensor, " C"]:
+    """How deep light that enters straight goes on average before it scatters, ∫ e^-τ dz [mm], by σt'."""
+    table = stack.table()
+    sigma_a, sigma_s, g, thickness = (x.double() for x in table.fields)
+    extinction = (sigma_a + sigma_s * (1 - g)).clamp_min(1e-9)
+    through = extinction * thickness.clamp_max(FAR_MM)
+    before = through.cumsum(-2) - through
+    return (torch.exp(-before) * -torch.expm1(-through) / extinction).sum(-2).reshape(-1)
