@@ -51,7 +51,14 @@ def test_more_costs_more(tmp_path):
     plain = {"mesh": mesh, "lights": [sky]}
     base = expected(**plain)
     assert expected(**plain | {"lights": [sky | {"samples": 65536}]}) > 10 * base
-    assert expected(**plain | {"methods": {"transmission": True}}) > base
+    through = {method: {"transmission": True, "diffusion": method} for method in ("uv", "surface")}
+    without = {method: {"diffusion": method} for method in through}
+    more = {
+        m: expected(**plain | {"methods": through[m]}) - expected(**plain | {"methods": without[m]})
+        for m in through
+    }
+    # over the surface, light is blurred by its side, too
+    assert more["surface"] > more["uv"] > 0
     assert expected(**plain | {"methods": {"interreflection": 2}}) > base
     marched = expected(**plain | {"methods": {"single_scattering": "exact"}})
     assert (

@@ -43,8 +43,9 @@ class Diffusing(Beneath):
     def doubts(self) -> Kept:
         """What is doubtful about the surface that light is to cross, in sentences."""
         texels, variances = self.texels.value, self.variances
-        make = lambda: doubts(texels, variances, **self.hooks("doubts"))  # noqa: E731
-        return self.stage("doubts", make, self.texels, variances)
+        crosses = self.scene.methods.diffusion in ("surface", "octree")
+        make = lambda: doubts(texels, variances, crosses=crosses, **self.hooks("doubts"))  # noqa: E731
+        return self.stage("doubts", make, self.texels, variances, int(crosses))
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""

@@ -20,6 +20,7 @@ GRID_BYTES = 120  # images of the full square during diffusion and export
 SECONDS_PER_TEXEL = {"uv": 1.6e-6, "none": 0.2e-6}  # per texel and Gaussian of the full square
 OPERATOR_SECONDS = 10e-6  # to build and apply the operators of one texel
 OPERATOR_BYTES = 800
+SIDES_SECONDS = 0.5e-6  # per texel and Gaussian to leave out what faces away: five blurs for one
 OCTREE_SECONDS = 50e-6  # to sum over an octree at one texel
 RAYS_PER_LIGHT = {"studio": 3, "rectangle": AREA_SAMPLES, "sphere": AREA_SAMPLES}
 RAYS_PER_SECOND = 1.5e6
@@ -87,6 +88,9 @@ def estimate(run: Run) -> Estimate:
     if scene.methods.diffusion == "surface":
         seconds += texels * OPERATOR_SECONDS
         memory += texels * OPERATOR_BYTES
+    if scene.methods.diffusion == "surface" and scene.methods.transmission:
+        seconds += texels * terms * SIDES_SECONDS * (1 + bounces)
+        memory += texels * terms * GAUSSIAN_BYTES
     if scene.methods.diffusion == "octree":
         seconds += texels * OCTREE_SECONDS
     atlas = made if unwraps else "the texture coordinates serve"

@@ -33,6 +33,7 @@ SIGHTS_KEPT = 1 << 20  # pixels of pictures whose sights are kept, a hundred byt
 LOOKS_PER_MARCH = (
     4  # of an environment's, a panel's or a ball's samples: rays of a pixel and neighbours add up to the rest
 )
+SPREADING = ("uv", "surface", "octree", "poisson")  # methods to which faults of mesh and atlas matter
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
@@ -51,6 +52,7 @@ class Run(Diffusing):
             stopped = int((~affordable(texels, self.variances, BUDGET_BYTES)).sum())
             if stopped:
                 said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
+        if self.scene.methods.diffusion in SPREADING:
             said += self.doubts.value
         said += enclosed(self.lights, mesh, self.occluder.value)
         said += placing.stretched({name: kept.value for name, kept in self.panoramas.items()})
@@ -212,7 +214,7 @@ class Run(Diffusing):
         result = (self.entered_light, self.exitance, self.weights("total").value)
 
         _ = self.inward  # the report tells of it, which asks for nothing new
-        if scene.methods.diffusion == "surface":
+        if scene.methods.diffusion in SPREADING:
             _ = self.doubts
 
         def encode(image: Tensor) -> Tensor:

@@ -66,6 +66,13 @@ def test_doubts_name_the_place(name: str, said: str):
     assert any(said in sentence and " mm" in sentence for sentence in found), found
 
 
+def test_where_light_stays_in_charts_only_their_layout_matters():
+    assert doubts(laid_out("open"), LADDER, crosses=False) == []
+    assert doubts(laid_out("lone"), LADDER, crosses=False) == []
+    (said,) = doubts(laid_out("overlap"), LADDER, crosses=False)
+    assert "under others in uv" in said
+
+
 def test_a_sound_surface_leaves_none():
     assert doubts(ball(96), LADDER) == []
 

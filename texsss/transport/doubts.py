@@ -16,18 +16,20 @@ def doubts(
     texels: TexelMaps,
     variances: Float[Tensor, " K"],
     *,
+    crosses: bool = True,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> list[str]:
     """Sentences about open borders, crowded edges, lone charts, overlaps, padding and sizes of texels.
 
-    `variances` [mm²]: of the Gaussians. Each sentence names a place [mm, as the mesh is scaled]; none if
-    all is well. Raises Cancelled.
+    `variances` [mm²]: of the Gaussians; `crosses`: whether light passes edges and seams, else the first
+    three do not matter. Each sentence names a place [mm, as the mesh is scaled]; none if all is well.
+    Raises Cancelled.
     """
     said = []
     steps = (
-        lambda: _of_edges(texels),
-        lambda: _of_charts(texels, cancel),
+        lambda: _of_edges(texels) if crosses else [],
+        lambda: _of_charts(texels, crosses, cancel),
         lambda: _of_sizes(texels, variances),
     )
     for k, step in enumerate(steps):
@@ -59,12 +61,12 @@ def _of_edges(texels: TexelMaps) -> list[str]:
     return said
 
 
-def _of_charts(texels: TexelMaps, cancel: Cancel | None) -> list[str]:
+def _of_charts(texels: TexelMaps, crosses: bool, cancel: Cancel | None) -> list[str]:
     mesh, said = texels.mesh, []
     chart = charts(mesh.faces, texels.atlas_uv)
     number = int(chart.max()) + 1
     centre = mesh.corners.detach().mean(1)
-    if number > 1:
+    if crosses and number > 1:
         part = components(len(mesh.faces), shared_edges(mesh.faces))
         pairs = torch.unique(torch.stack([part, chart], 1), dim=0)
         alone = torch.bincount(pairs[:, 0])[part] == 1

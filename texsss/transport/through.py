@@ -60,13 +60,12 @@ def on_one_side(blur: Diffusion, normal: Float[Tensor, "P 3"]) -> Diffusion:
     """
 
     def faced(values: Tensor, variances: Tensor) -> Tensor:
-        channels = values.shape[1]
         unit = normal.to(values)
-        along = (values[:, :, None] * unit[:, None]).flatten(1)
-        mixed = blur(torch.cat([values, along, unit], 1), variances)
-        light = mixed[..., :channels]
-        along = (mixed[..., channels:-3].unflatten(2, (channels, 3)) * unit[:, None]).sum(-1)
-        share = (1 + (mixed[..., -3:] * unit).sum(-1, keepdim=True)) / 2
-        return (light + along) / 2 / share.clamp_min(LEAST_SHARE)
+        share = 1 + (blur(unit, variances) * unit).sum(-1, keepdim=True)
+        light = blur(values, variances)
+        # a column at a time: grey light stays grey, and three columns are blurred fastest
+        for along in unit[:, :, None].unbind(1):
+            light = torch.addcmul(light, blur(values * along, variances), along)
+        return light / share.clamp_min(2 * LEAST_SHARE)
 
     return faced
