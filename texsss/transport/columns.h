@@ -125,26 +125,36 @@ struct Pieces {
   }
 };
 
-// One to five arrays of three columns without gaps, as colours are. Reads and writes a fourth number behind a row,
-// which is the next row's first: rows are to be written in ascending order, and the last one in another way.
+// One to five arrays of three columns, as colours are; to be written, they are without gaps. There a fourth number is
+// read and written behind all rows but the `last`, which is the next row's first: rows are written in ascending order.
 template <int COUNT>
 struct Colours {
   static constexpr int W = COUNT == 1 ? 4 : COUNT == 2 ? 8 : 16;
   float* row[COUNT];
   const float* scale[COUNT];
+  int64_t pitch, step, last;
   Rim rim;
-  explicit Colours(const Groups& groups) : rim(groups.rim) {
+  Colours(const Groups& groups, int64_t last)
+      : pitch(groups.pitch), step(groups.step), last(pitch == 3 && step == 1 ? last : -1), rim(groups.rim) {
     for (int g = 0; g < COUNT; g++) row[g] = groups.row(g), scale[g] = groups.scales(g);
   }
-  void put(int64_t i, int g, Four own) const { stored(row[g] + 3 * i, scale[g] ? own * scale[g][i] : own); }
+  Four three(const float* from) const { return Four{from[0], from[step], from[2 * step], 0.0f}; }
+  void put(int64_t i, int g, Four own) const {
+    float* to = row[g] + 3 * i;
+    if (scale[g]) own *= scale[g][i];
+    if (i < last)
+      stored(to, own);
+    else
+      for (int c = 0; c < 3; c++) to[c] = own[c];
+  }
   Row<W> load(int64_t i) const {
     Four own[5] = {};
-    for (int g = 0; g < COUNT; g++) own[g] = loaded<Four>(row[g] + 3 * i);
+    for (int g = 0; g < COUNT; g++) {
+      const float* from = row[g] + pitch * i;
+      own[g] = i < last ? loaded<Four>(from) : three(from);
+    }
     rim.give(i, [&](float value, int64_t other) {
-      for (int g = 0; g < COUNT; g++) {
-        const float* from = row[g] + 3 * other;  // behind the last there is nothing
-        own[g] += value * Four{from[0], from[1], from[2], 0.0f};
-      }
+      for (int g = 0; g < COUNT; g++) own[g] += value * three(row[g] + pitch * other);
     });
     for (int g = 0; g < COUNT; g++)
       if (scale[g]) own[g] *= scale[g][i];
@@ -195,16 +205,14 @@ static void blocks(int64_t columns, Work work) {
 template <int COUNT, class Work>
 static void coloured(const Groups& groups, int64_t first, int64_t last, Work work) {
   typedef Colours<COUNT> Own;
-  if (first == last) return;
-  work(std::integral_constant<int, Own::W>(), int64_t(0), first, last - 1, Own(groups));
-  work(std::integral_constant<int, Own::W>(), int64_t(0), last - 1, last, Pieces<Own::W>(groups, 0));
+  work(std::integral_constant<int, Own::W>(), int64_t(0), first, last, Own(groups, last - 1));
 }
 
-// `work(width, first column, first row, last row, rows)` for blocks of columns of all groups
+// `work(width, first column, first row, last row, rows)` for blocks of columns of all groups, which are read or written
 template <class Work>
-static void laid(const Groups& groups, int64_t first, int64_t last, Work work) {
+static void laid(const Groups& groups, bool written, int64_t first, int64_t last, Work work) {
   const int64_t each = groups.each;
-  if (each == 3 && groups.pitch == 3 && groups.step == 1) {
+  if (each == 3 && (!written || (groups.pitch == 3 && groups.step == 1))) {
     if (groups.count == 1) return coloured<1>(groups, first, last, work);
     if (groups.count == 2) return coloured<2>(groups, first, last, work);
     if (groups.count == 3) return coloured<3>(groups, first, last, work);

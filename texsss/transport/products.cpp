@@ -238,7 +238,7 @@ bool ways_up(int64_t count, const int32_t* cell, const float* beyond, const int3
              const int64_t* scale, int64_t threads) {
   const Groups out{address, scale, groups, each, pitch, step, Rim{}};
   return parallel(count, threads, [=](int64_t from, int64_t to) {
-    laid(out, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
+    laid(out, true, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
       some_up<decltype(width)::value>(first, last, cell, beyond, corner, x + c, x_pitch, rows);
     });
   });
@@ -253,7 +253,7 @@ bool ways_down(int64_t count, int64_t some_points, const int32_t* cell, const fl
                int64_t nodes, int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
   const Groups in{address, scale, groups, each, pitch, step, Rim{rim_start, rim_row, rim_value, count}};
   const auto spread = [=](int64_t from, int64_t to) {
-    laid(in, from * some_points, std::min(count, to * some_points),
+    laid(in, false, from * some_points, std::min(count, to * some_points),
          [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
            some_down<decltype(width)::value>(first, last, cell, beyond, corner, y + c, y_pitch, rows);
          });

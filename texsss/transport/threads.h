@@ -15,7 +15,7 @@ constexpr int64_t MOST_THREADS = 256;
 template <class Work>
 static bool parallel(int64_t count, int64_t threads, Work work) {
   std::atomic<bool> enough(true);
-  const auto part = [&enough, &work](int64_t first, int64_t last) {
+  const auto part = [&enough, &work](int64_t first, int64_t last) __attribute__((noinline)) {  // once, not thrice
     try {
       work(first, last);
     } catch (const std::bad_alloc&) {
