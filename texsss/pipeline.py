@@ -15,6 +15,7 @@ from texsss import placing
 from texsss.cache import Kept
 from texsss.diffusing import Diffusing
 from texsss.light.enclosed import enclosed
+from texsss.light.thickness import far_side
 from texsss.look import averaged, scattered_once, seer, share_of, shower, tinted
 from texsss.profiles.advice import advice
 from texsss.report import describe
@@ -47,7 +48,13 @@ class Run(Diffusing):
         (mesh, notes), texels, stack = self.mesh.value, self.texels.value, self.stack.value
         some = texels.points[:: max(len(texels) // ADVISED, 1)]
         material = stack.at(some.uv(self.source_uv)) if stack.varies else stack
-        said = advice(material, texel_mm=texels.texel_mm, extent_mm=float(mesh.extent.max()))
+        thick = far_side(some, mesh, self.occluder.value).thickness.median()
+        said = advice(
+            material,
+            texel_mm=texels.texel_mm,
+            extent_mm=float(mesh.extent.max()),
+            thickness_mm=math.inf if self.scene.methods.transmission else float(thick),
+        )
         if self.scene.methods.diffusion == "surface":
             stopped = int((~affordable(texels, self.variances, BUDGET_BYTES)).sum())
             if stopped:

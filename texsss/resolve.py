@@ -17,6 +17,7 @@ from texsss.io.sandbox import Sandbox
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
+from texsss.numerics.sampling import resized
 from texsss.scene import Scene
 from texsss.specs import (
     MapSpec,
@@ -124,12 +125,21 @@ def stack(scene: Scene, images: Images) -> Stack:
     layers = []
     for spec in scene.material.layers:
         if isinstance(spec.medium, Mix):
-            first, second = (medium(scene, name, images) for name in spec.medium.mix)
-            matter = mix(first, second, _grey(images[spec.medium.mask]))
+            alike = _of_one_size(spec.medium, scene, images)
+            first, second = (medium(scene, name, alike) for name in spec.medium.mix)
+            matter = mix(first, second, _grey(alike[spec.medium.mask]))
         else:
             matter = medium(scene, spec.medium, images)
         layers.append(Layer(matter, _value(spec.thickness_mm, images)))
     return Stack(layers)
+
+
+def _of_one_size(spec: Mix, scene: Scene, images: Images) -> Images:
+    """The mask of a mixture and the maps of its media, all as large as the largest."""
+    media = [f"media.{name}." for name in spec.mix]
+    used = {name for field, name in scene.map_names() if field.startswith(tuple(media))} | {spec.mask}
+    height, width = (max(images[name].shape[axis] for name in used) for axis in (0, 1))
+    return {name: resized(images[name], height, width) for name in used}
 
 
 def medium(scene: Scene, name: str, images: Images) -> Medium:

@@ -25,7 +25,7 @@ STAGE_VERSIONS = {
     "thickness": 1,
     "samples": 1,
     "octree": 3,
-    "weights": 3,
+    "weights": 4,
     "angular": 2,
     "exchange": 1,
     "echo": 1,

@@ -28,7 +28,15 @@ def test_ends_of_the_scale():
     assert float(black.sigma_s) < 1e-4 and float(white.sigma_a) < 1e-6
 
 
+def test_whole_numbers_are_numbers():
+    whole, real = (from_colour(0.5, torch.tensor([1, 2, 3], dtype=d)) for d in (torch.int64, torch.float64))
+    torch.testing.assert_close(whole.sigma_s, real.sigma_s)
+    assert skin(torch.zeros(4, 4, dtype=torch.uint8)).layers[0].medium.sigma_a.dtype == torch.float64
+
+
 def test_artist_inputs_are_checked():
+    with pytest.raises(DomainError, match="-1 < g < 1"):
+        from_colour(0.5, 1.0, g=2.0)
     with pytest.raises(DomainError, match="colour"):
         from_colour(1.2, 1.0)
     with pytest.raises(DomainError, match="mean free path"):

@@ -29,3 +29,24 @@ def test_skin_on_a_head_needs_no_advice():
 def test_scales_that_do_not_fit_are_named(material, texel_mm, extent_mm, said):
     sentences = advice(material, texel_mm=texel_mm, extent_mm=extent_mm)
     assert any(said in sentence and "mm" in sentence for sentence in sentences), sentences
+
+
+@pytest.mark.parametrize("film", [Layer(Medium(0.0005, 0.001), 0.05), Layer(Medium(1.0, 1e6), 0.0)])
+def test_films_that_hardly_scatter_say_nothing_of_what_lies_beneath(film):
+    """Light goes through the one, and there is none of the other."""
+    assert advice(Stack([film, Layer(preset("skin1"))]), texel_mm=0.4, extent_mm=400.0) == []
+
+
+def test_white_and_dense_matter_spreads_light_a_little():
+    assert "quarter of a texel" in advice(Medium(0.0, 1e5), texel_mm=0.4, extent_mm=400.0)[0]
+
+
+def test_matter_that_does_nothing_is_named():
+    assert "neither" in advice(Medium(0.0, 0.0), texel_mm=0.4, extent_mm=400.0)[0]
+
+
+def test_layers_deeper_than_a_plate_are_named():
+    stack = Stack([Layer(preset("skin1"), 20.0), Layer(preset("skin2"))])
+    assert advice(stack, texel_mm=0.4, extent_mm=100.0) == []
+    (said,) = advice(stack, texel_mm=0.4, extent_mm=100.0, thickness_mm=2.0)
+    assert "20 mm" in said and "(2 mm)" in said

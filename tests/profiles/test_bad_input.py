@@ -87,3 +87,12 @@ def test_every_error_is_of_the_project():
     for wrong in ({"model": "magic"}, {"scattering": "some"}, {"incidence": "sideways"}, {"phase": "mie"}):
         with pytest.raises(TexsssError, match="expected"):
             hankel_profiles(SKIN, S, **wrong)
+
+
+def test_frequencies_are_real_and_not_negative():
+    whole, real = (
+        hankel_profiles(Medium(0.1, 1.0), torch.arange(3, dtype=d))[0] for d in (torch.int64, torch.float64)
+    )
+    torch.testing.assert_close(whole, real)
+    with pytest.raises(DomainError, match="s >= 0"):
+        hankel_profiles(Medium(0.1, 1.0), torch.tensor([-1.0]))

@@ -101,6 +101,9 @@ STACKS: dict[str, list[Layer]] = {
     "slab 3 mm, .95, g .8, eta 1.4": [Layer(0.05, 4.75, 3.0, g=0.8, eta=1.4)],
     "slab .3 mm, .99, g .8, eta 1": [Layer(0.01, 4.95, 0.3, g=0.8)],
     "g .8 .5 mm on isotropic, eta 1.3": [Layer(0.02, 6.0, 0.5, g=0.8, eta=1.3), Layer(0.2, 1.0, eta=1.3)],
+    "eta 1.4, 1.2, 1.3 mm": [Layer(0.01, 2.0, 0.3, eta=1.4), Layer(0.02, 2.0, 1.0, eta=1.2)],
+    "eta 1.5, 1.1, 1.3 mm": [Layer(0.01, 2.0, 0.3, eta=1.5), Layer(0.02, 2.0, 1.0, eta=1.1)],
+    "eta 1, 1.5, 1.3 mm": [Layer(0.02, 2.0, 1.0), Layer(0.01, 2.0, 0.3, eta=1.5)],
 }
 
 

@@ -5,7 +5,7 @@ import math
 import torch
 
 from texsss.errors import DomainError
-from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero
+from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero, home
 from texsss.media.stack import Layer, Stack
 from texsss.types import Float, Tensor
 
@@ -18,8 +18,9 @@ def from_colour(colour: Coefficient, mean_free_path: Coefficient, g: float = 0.0
     Differentiable. Raises DomainError: outside 0..1, or for a mean free path not above zero.
     Source: d'Eon 2021, A Hitchhiker's Guide to Multiple Scattering, as OpenPBR 1.1 prints it.
     """
-    dtype = next((x.dtype for x in (colour, mean_free_path) if isinstance(x, Tensor)), torch.float64)
-    device = next((x.device for x in (colour, mean_free_path) if isinstance(x, Tensor)), torch.device("cpu"))
+    if not -1 < g < 1:
+        raise DomainError(f"from_colour: expected -1 < g < 1, got {g:g}; 0 scatters alike in all directions.")
+    dtype, device = home((colour, mean_free_path))
     rho = as_map("from_colour.colour", colour, dtype, device)
     path = as_map("from_colour.mean_free_path", mean_free_path, dtype, device)
     low, high = (float(x) for x in rho.detach().aminmax())
@@ -70,10 +71,7 @@ def skin(
     6.6e11 nm^-3.33, reduced scattering 2e5 nm^-1.5 (fibres) + 2e12 nm^-4 (Rayleigh), all per cm and taken
     for the epidermis, too; Prahl 1999 (haemoglobin at 630, 540, 450 nm).
     """
-    dtype = next((x.dtype for x in (melanin, blood, epidermis_mm) if isinstance(x, Tensor)), torch.float64)
-    device = next(
-        (x.device for x in (melanin, blood, epidermis_mm) if isinstance(x, Tensor)), torch.device("cpu")
-    )
+    dtype, device = home((melanin, blood, epidermis_mm))
     shares = {}
     for name, value in (("melanin", melanin), ("blood", blood), ("oxygen", oxygen)):
         shares[name] = as_map(f"skin.{name}", value, dtype, device)

@@ -36,7 +36,7 @@ class Medium:
 
     def __init__(self, sigma_a: Coefficient, sigma_s: Coefficient, g: Coefficient = 0.0, eta: float = 1.3):
         given = {"sigma_a": sigma_a, "sigma_s": sigma_s, "g": g}
-        dtype, device = _home(given.values())
+        dtype, device = home(given.values())
         values = {name: as_map(f"Medium.{name}", value, dtype, device) for name, value in given.items()}
         channels = {v.shape[-1] for v in values.values()} - {1}
         if len(channels) > 1:
@@ -201,7 +201,7 @@ def _alike(a: Tensor, b: Tensor, share: Tensor) -> list[Tensor]:
     return list(torch.broadcast_tensors(a.to(share.dtype), b.to(share.dtype), share))
 
 
-def _home(values) -> tuple[torch.dtype, torch.device]:
+def home(values) -> tuple[torch.dtype, torch.device]:
     """The widest real dtype and the device of the tensors among `values`; float64 on the CPU without any."""
     tensors = [v for v in values if isinstance(v, Tensor)]
     real = [t.dtype for t in tensors if t.dtype.is_floating_point]

@@ -53,6 +53,15 @@ class Texture:
         return torch.lerp(upper, torch.lerp(image[bottom, left], image[bottom, right], x), y)
 
 
+def resized(image: Float[Tensor, "H W C"], height: int, width: int) -> Float[Tensor, "h w C"]:
+    """A tiling image looked up bilinearly at the centres of as many texels; itself if it has them."""
+    if tuple(image.shape[:2]) == (height, width):
+        return image
+    v, u = ((torch.arange(n, dtype=image.dtype) + 0.5) / n for n in (height, width))
+    uv = torch.stack(torch.meshgrid(v, u, indexing="ij")[::-1], -1)
+    return bilinear(image, uv.reshape(-1, 2), "repeat").reshape(height, width, -1)
+
+
 def bilinear(
     image: Float[Tensor, "H W C"], uv: Float[Tensor, "P 2"], wrap: Wrap = "clamp"
 ) -> Float[Tensor, "P C"]:

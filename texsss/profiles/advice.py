@@ -1,26 +1,33 @@
 """What to know about a material on a given object, in sentences: `advice`."""
 
+import math
+
 import torch
 
+from texsss.media.stack import LayerTable
 from texsss.profiles.hankel import Material, as_table
 from texsss.types import Tensor
 
 FINE = 0.25  # diffusion lengths [texels] below which diffusion cannot be seen
+FAR = 70.0  # mean free paths within which .99 of the light leaves that is not absorbed
+CLEAR = 1e12  # [mm]
 
 
-def advice(material: Material, *, texel_mm: float, extent_mm: float) -> list[str]:
+def advice(
+    material: Material, *, texel_mm: float, extent_mm: float, thickness_mm: float = math.inf
+) -> list[str]:
     """Sentences about a material that does not suit the object's scale; none if it does.
 
-    `texel_mm`: size of a texel; `extent_mm`: largest extent of the object [mm]. The scale of a material
-    is the diffusion length of its first layer, 1 / sigma_tr, or its mean free path if that is longer.
+    `texel_mm`: size of a texel; `extent_mm`: largest extent of the object [mm]; `thickness_mm`: of most of
+    it. The scale of a material is how far light goes that enters it: the mean free path of all layers, and
+    their diffusion lengths by the share of light that scatters in each, at most FAR mean free paths.
     Raises nothing: materials checked themselves.
     """
     table = as_table(material)
-    sigma_a, sigma_s = table.sigma_a.detach(), (table.sigma_s * (1 - table.g)).detach()
-    sigma_t = (sigma_a + sigma_s).clamp_min(1e-12)
-    # of the layers that are there; light leaves the first one after a mean free path at least
-    reach = torch.maximum(1 / torch.sqrt(3 * sigma_a * sigma_t).clamp_min(1e-12), 1 / sigma_t)[..., 0, :]
-    shortest, longest = _ends(1 / sigma_t[..., 0, :])[0], _ends(reach)
+    paths, reaches, absorbs = _scales(table)
+    if not bool((paths < CLEAR).any()):
+        return ["The material neither absorbs nor scatters: it stays black; give sigma_s_per_mm above 0."]
+    shortest, longest = _ends(paths)[0], _ends(reaches)
     sentences = []
     if longest[1] < FINE * texel_mm:
         sentences.append(
@@ -32,7 +39,7 @@ def advice(material: Material, *, texel_mm: float, extent_mm: float) -> list[str
             f"The mean free path is {shortest:.3g} mm or more, longer than the object ({extent_mm:.3g} mm): "
             "light crosses it unscattered, which no profile describes; check the unit of the mesh."
         )
-    elif longest[0] > extent_mm and bool((sigma_a > 0).any()):
+    elif longest[0] > extent_mm and absorbs:
         sentences.append(
             f"The material spreads light by {longest[0]:.3g} mm or more, farther than the object is large "
             f"({extent_mm:.3g} mm): profiles of flat stacks will be too wide; check the unit of the mesh."
@@ -45,7 +52,29 @@ def advice(material: Material, *, texel_mm: float, extent_mm: float) -> list[str
                 f"The layers reach down to {depth:.3g} mm, deeper than the object is large "
                 f"({extent_mm:.3g} mm): give thicknesses in mm, or check the unit of the mesh."
             )
+        elif depth > thickness_mm:
+            sentences.append(
+                f"The layers reach down to {depth:.3g} mm, deeper than most of the object is thick "
+                f"({thickness_mm:.3g} mm): give thicknesses in mm, or ask for methods.transmission, which "
+                "cuts them."
+            )
     return sentences
+
+
+def _scales(table: LayerTable) -> tuple[Tensor, Tensor, bool]:
+    """Mean depths of first scattering or absorption, how far light spreads [mm], and whether any is absorbed.
+
+    Per row and channel. A stack with a bottom goes on for ever as its last layer does.
+    """
+    sigma_a, sigma_s = table.sigma_a.detach(), (table.sigma_s * (1 - table.g)).detach()
+    sigma = (sigma_a + sigma_s).clamp_min(1 / CLEAR)
+    tau = sigma[..., :-1, :] * table.thickness.detach()[..., :-1, :]
+    above = torch.cat([torch.zeros_like(sigma[..., :1, :]), tau.cumsum(-2)], -2)
+    below = torch.cat([above[..., 1:, :], torch.full_like(sigma[..., :1, :], math.inf)], -2)
+    share = torch.exp(-above) - torch.exp(-below)
+    diffuse = 1 / torch.sqrt(3 * sigma_a * sigma).clamp_min(1 / CLEAR)
+    reach = torch.maximum(torch.minimum(diffuse, FAR / sigma), 1 / sigma)
+    return (share / sigma).sum(-2), (share * reach).sum(-2), bool((sigma_a > 0).any())
 
 
 def _ends(x: Tensor) -> tuple[float, float]:

@@ -39,13 +39,27 @@ def hankel_profiles(
     the total less what `march` adds to R, which no bottom mirrors and no index within refracts. dipole,
     better-dipole: the first layer as a half-space; those and multipole put the source at one depth,
     whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine. Differentiable
-    in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed.
+    in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed; for
+    frequencies that are negative or not finite.
     """
+    s = _frequencies(s)
     table = as_table(material, s.dtype).to(device=s.device)
     options = {"model": model, "scattering": scattering, "incidence": incidence, "phase": phase}
     reflected = flat_profile(table, s, side="reflectance", **options)
     transmitted = flat_profile(table, s, side="transmittance", **options)
     return unflattened(reflected, table), unflattened(transmitted, table)
+
+
+def _frequencies(s: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
+    s = torch.as_tensor(s)
+    s = s if s.dtype.is_floating_point else s.to(torch.float64)
+    least, most = (float(x) for x in s.detach().aminmax()) if s.numel() else (0.0, 0.0)
+    if not (least >= 0 and most < float("inf")):
+        raise DomainError(
+            f"hankel_profiles: expected finite frequencies s >= 0 [1/mm], got {least:g}..{most:g}; profiles "
+            "are round, so pass magnitudes."
+        )
+    return s
 
 
 def as_table(material: Material, dtype: torch.dtype | None = None) -> LayerTable:

@@ -19,7 +19,7 @@ from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import TINY, Directions, added, extinguished, from_side, light_in
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
-from texsss.profiles.two_modes import two_modes
+from texsss.profiles.two_modes import TwoModes, two_modes
 from texsss.types import Float, Tensor
 
 DETOUR = 2.0  # fits what half-spaces and slabs of g = .8 return: 1.5 to 3 would
@@ -161,8 +161,20 @@ def parameters(inner, near, far):
     """Parameter sets of the medium, the near and the far boundary, with their weights."""
     if near == far:
         return tuple((weight, modes, modes, modes) for weight, modes in two_modes(near))
-    return tuple(
-        (u * v, top if inner == near else bottom, top, bottom)
-        for u, top in two_modes(near)
-        for v, bottom in two_modes(far)
-    )
+    found = []
+    for u, top in two_modes(near):
+        for v, bottom in two_modes(far):
+            medium = top if inner == near else bottom
+            found.append((u * v, medium, face_of(top, medium), face_of(bottom, medium)))
+    return tuple(found)
+
+
+def face_of(face: TwoModes, medium: TwoModes) -> TwoModes:
+    """The boundary of a medium of other modes, that lets the same light out.
+
+    What a face takes of a mode is b D √(1 / μ² + …) with its own modes' μ and D = μ² / σ, and a field that is
+    the same in both modes loses Σ w of it: D and w of the medium come in their place.
+    """
+    ratio = [(f / m) ** 2 for f, m in zip(face.mu, medium.mu, strict=True)]
+    first, second = (b * r * w / own for b, r, w, own in zip(face.b, ratio, face.w, medium.w, strict=True))
+    return face._replace(b=(first, second), w=medium.w)

@@ -1,0 +1,33 @@
+"""Scenes to tensors: what maps of different sizes come to."""
+
+import torch
+
+from texsss import resolve
+from texsss.media.stack import Layer, Stack
+from texsss.scene import Scene
+
+
+def test_a_mask_may_be_finer_than_the_maps_it_mixes():
+    """As thickness maps may: all are looked up as if on their own."""
+    scene = Scene.parse(
+        {
+            "maps": {
+                name: {"source": {"path": f"{name}.png"}, "space": "linear"} for name in ("spots", "mask")
+            },
+            "media": {
+                "painted": {
+                    "sigma_a_per_mm": 0.1,
+                    "sigma_s_per_mm": {"map": "spots", "range": [1, 3]},
+                    "eta": 1.3,
+                }
+            },
+            "material": {"layers": [{"medium": {"mix": ["skin1", "painted"], "mask": "mask"}}]},
+        }
+    )
+    rng = torch.Generator().manual_seed(0)
+    images = {"spots": torch.rand(4, 4, 1, generator=rng), "mask": torch.ones(8, 8, 1)}
+    uv = torch.tensor([[1.5 / 8, 2.5 / 8], [6.5 / 8, 0.5 / 8]])  # centres of the mask's texels
+    spots = resolve.medium(scene, "painted", images)
+    expected = Stack(Layer(spots)).at(uv).sigma_s[..., 0, 0]
+    found = resolve.stack(scene, images).at(uv).sigma_s[..., 0, 0]
+    torch.testing.assert_close(found, expected, check_dtype=False)
