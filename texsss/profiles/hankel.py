@@ -13,7 +13,7 @@ from texsss.profiles.dipole import dipole_hankel
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.multipole import better_dipole, stacked
 from texsss.profiles.slab import Directions
-from texsss.types import Float, Tensor
+from texsss.types import Float, Int, Tensor
 
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
 SCATTERINGS = ("total", "single", "multiple", "unmarched")
@@ -23,7 +23,7 @@ Material = Stack | Layer | Medium | LayerTable
 
 def hankel_profiles(
     material: Material,
-    s: Float[Tensor, " S"],
+    s: Float[Tensor, " S"] | Int[Tensor, " S"],
     *,
     model: str = "layered-sp3",
     scattering: str = "total",
@@ -32,15 +32,15 @@ def hankel_profiles(
 ) -> tuple[Float[Tensor, "*B S C"], Float[Tensor, "*B S C"]]:
     """R̂(s) and T̂(s) of scattered light, per unit of light that entered.
 
-    `s` [1/mm] decides dtype and device. `material`: a stack, layer, medium, or the rows of a table.
-    `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total, single or multiple; the
-    single part of R has the true coefficients and `phase` (isotropic, henyey-greenstein, schlick), all
-    the rest reduced ones, so that T counts light that is hardly deflected as part of the beam. `unmarched` is
-    the total less what `march` adds to R, which no bottom mirrors and no index within refracts. dipole,
-    better-dipole: the first layer as a half-space; those and multipole put the source at one depth,
-    whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine. Differentiable
-    in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are listed; for
-    frequencies that are negative or not finite.
+    `s` [1/mm] decides dtype and device; whole numbers count as float64. `material`: a stack, layer, medium,
+    or the rows of a table. `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total,
+    single or multiple; the single part of R has the true coefficients and `phase` (isotropic, henyey-
+    greenstein, schlick), all the rest reduced ones, so that T counts light that is hardly deflected as part
+    of the beam. `unmarched` is the total less what `march` adds to R, which no bottom mirrors and no index
+    within refracts. dipole, better-dipole: the first layer as a half-space; those and multipole put the
+    source at one depth, whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine.
+    Differentiable in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are
+    listed; for frequencies that are negative or not finite.
     """
     s = _frequencies(s)
     table = as_table(material, s.dtype).to(device=s.device)
@@ -50,7 +50,7 @@ def hankel_profiles(
     return unflattened(reflected, table), unflattened(transmitted, table)
 
 
-def _frequencies(s: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
+def _frequencies(s: Float[Tensor, " S"] | Int[Tensor, " S"]) -> Float[Tensor, " S"]:
     s = torch.as_tensor(s)
     s = s if s.dtype.is_floating_point else s.to(torch.float64)
     least, most = (float(x) for x in s.detach().aminmax()) if s.numel() else (0.0, 0.0)
