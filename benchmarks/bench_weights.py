@@ -3,8 +3,9 @@
     python -m benchmarks weights [--texels 1048576]
 
 Two layers, every coefficient and thickness varying, 3 channels, 8 terms, 16 frequencies; peak memory beyond
-the result in a process of its own. Mayorga's grid is timed on one sample at a time and on a batch, his
-route by FFTs on one; the paper gives .004 s and .118 s per sample for them, on the machine of 2008.
+the result in a process of its own: by torch alone (`eager`), by the loop of numba, as where there is no
+C++ compiler, and by the loop in C++ (`compiled`). Mayorga's grid is timed on one sample at a time and on a
+batch, his route by FFTs on one; the paper gives .004 s and .118 s per sample for them, on a machine of 2008.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import torch
 
@@ -22,9 +24,10 @@ from texsss.media.stack import Layer, LayerTable, Stack
 from texsss.profiles.fft_route import fft_combined
 from texsss.profiles.grid import grid_gaussians
 from texsss.profiles.project import variance_ladder
-from texsss.profiles.weights import weights_for
+from texsss.profiles.weights import Weights, weights_for
 
 TERMS = 8
+HOW = ("eager", "numba", "compiled")
 PAPER = {"grid": (0.004, 160), "FFT": (0.118, 5000)}  # seconds per sample, and for 40,000
 GRID_MM, GRID_POINTS = 0.125, 256  # of the FFTs: a quarter of the shortest mean free path, 32 mm wide
 
@@ -58,13 +61,24 @@ def best(work, repeats: int) -> float:
     return min(times)
 
 
-def weigh(model: str, compiled: bool, texels: int) -> None:
-    """Prints by how much the process grew beyond the result [MB]."""
+def solved(how: str, material: Stack | LayerTable, model: str) -> Weights:
+    """Weights by torch alone, numba or C++."""
     ladder = variance_ladder(0.4, 400.0, TERMS)
+    if how != "numba":
+        return weights_for(material, ladder, model=model, compiled=how == "compiled")
+    with (
+        mock.patch("texsss.profiles.weights.Fused", lambda *table, **options: None),
+        mock.patch("texsss.profiles.weights.WORTH_WAITING", 1),
+    ):
+        return weights_for(material, ladder, model=model, compiled=True)
+
+
+def weigh(model: str, how: str, texels: int) -> None:
+    """Prints by how much the process grew beyond the result [MB]."""
     table = varied(texels)
-    weights_for(varied(10_000), ladder, model=model, compiled=compiled)  # what is loaded once
+    solved(how, varied(10_000), model)  # what is loaded once
     before = peak_mb()
-    weights = weights_for(table, ladder, model=model, compiled=compiled)
+    weights = solved(how, table, model)
     print(peak_mb() - before - (weights.table.nbytes + weights.row.nbytes) / 2**20)
 
 
@@ -74,11 +88,11 @@ def peak_mb() -> float:
     return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
-def peak_beyond(model: str, compiled: bool, texels: int) -> float:
+def peak_beyond(model: str, how: str, texels: int) -> float:
     """Peak memory beyond the result [MB], in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.bench_weights", "--texels", str(texels), "--weigh", model]
+    command = [sys.executable, "-m", "benchmarks.bench_weights", "--texels", str(texels)]
     made = subprocess.run(
-        [*command, *(["--compiled"] if compiled else [])], capture_output=True, text=True, check=True
+        [*command, "--weigh", model, "--how", how], capture_output=True, text=True, check=True
     )
     return float(made.stdout)
 
@@ -88,29 +102,26 @@ def main() -> None:
     parser.add_argument("--texels", type=int, default=2**20)
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--weigh", help="model whose memory is measured, and nothing else")
-    parser.add_argument("--compiled", action="store_true")
+    parser.add_argument("--how", choices=HOW, default=HOW[0])
     asked = parser.parse_args()
     if asked.weigh:
-        weigh(asked.weigh, asked.compiled, asked.texels)
+        weigh(asked.weigh, asked.how, asked.texels)
         return
-    ladder = variance_ladder(0.4, 400.0, TERMS)
     table = varied(asked.texels)
     print(f"{asked.texels} texels, {torch.get_num_threads()} threads, best of {asked.repeats}")
     per_texel = {}
     for model in ("layered-diffusion", "layered-sp3"):
-        for compiled in (False, True):
-            options = {"model": model, "compiled": compiled}
-            if compiled:
-                weights_for(table.rows(slice(0, 10_000)), ladder, **options)
-            seconds = best(lambda options=options: weights_for(table, ladder, **options), asked.repeats)
+        for how in HOW:
+            if how != "eager":
+                solved(how, table.rows(slice(0, 10_000)), model)
+            seconds = best(lambda model=model, how=how: solved(how, table, model), asked.repeats)
             per_texel.setdefault(model, seconds / asked.texels)
-            how = "compiled" if compiled else "eager"
-            beyond = peak_beyond(model, compiled, asked.texels)
+            beyond = peak_beyond(model, how, asked.texels)
             print(f"{model:18s} {how:16s} {seconds:8.2f} s  {beyond:5.0f} MB beyond the result", flush=True)
     stack = painted(int(asked.texels**0.5))
-    seconds = best(lambda: weights_for(stack, ladder), asked.repeats)
-    rows = len(weights_for(stack, ladder, model="layered-diffusion").table)
-    print(f"layered-sp3        8-bit maps       {seconds:8.2f} s  {rows} distinct rows", flush=True)
+    for how in HOW:
+        seconds = best(lambda how=how: solved(how, stack, "layered-sp3"), asked.repeats)
+        print(f"layered-sp3        8-bit maps, {how:8s} {seconds:5.2f} s", flush=True)
     one, many = varied(1), varied(256)
     routes = {
         "grid, one at a time": best(lambda: grid_gaussians(one), 3),

@@ -84,7 +84,7 @@ def _built(
     text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
     command = [*compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
     key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
-    path = _folder() / f"{source.stem}-{key}.so"
+    path = cache_folder() / f"{source.stem}-{key}.so"
     with _LOCKS.setdefault(path, threading.Lock()):  # whoever comes second waits for what the first builds
         if not path.is_file():
             _build([*command, f"-I{SHARED}", str(source)], path, cancel)
@@ -172,7 +172,18 @@ def _processor() -> str:
     return "".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
 
 
-def _folder() -> Path:
+def written(path: Path, text: str) -> None:
+    """Puts a text into a file in one step, unless it is there: others may do the same."""
+    if path.is_file():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+        file.write(text)
+    os.replace(file.name, path)
+
+
+def cache_folder() -> Path:
+    """Where what is compiled lies."""
     return Path(os.environ.get("TEXSSS_CACHE_DIR") or user_cache_dir("texsss")).absolute() / "native"
 
 

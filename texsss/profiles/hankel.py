@@ -9,6 +9,7 @@ from texsss.media.medium import Medium
 from texsss.media.phase import PHASES
 from texsss.media.stack import Layer, LayerTable, Stack
 from texsss.profiles import layered_diffusion, layered_sp3
+from texsss.profiles.blocks import Loops
 from texsss.profiles.dipole import dipole_hankel
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.multipole import better_dipole, stacked
@@ -78,15 +79,19 @@ def flat_profile(
     scattering: str = "total",
     incidence: Incidence = "diffuse",
     phase: str = "henyey-greenstein",
+    loops: Loops | None = None,
 ) -> Float[Tensor, "S N"]:
-    """R̂(s) or T̂(s), by `side`, of all channels and rows, flattened to N in this order."""
+    """R̂(s) or T̂(s), by `side`, of all channels and rows, flattened to N in this order.
+
+    `loops`: for layered models of many float32 rows without gradients, at the same `s` each time.
+    """
     choose("model", model, MODELS)
     choose("scattering", scattering, SCATTERINGS)
     choose("side", side, SIDES)
     choose("phase", phase, PHASES)
     directions = incidence_directions(incidence, table.eta[0])
     if model == "layered-sp3":
-        options = {"side": side, "scattering": scattering, "phase": phase}
+        options = {"side": side, "scattering": scattering, "phase": phase, "loops": loops}
         return layered_sp3.profile(table, s, directions, **options)
     if model == "better-dipole":
         return _better_dipole(table, s, side, scattering, directions, phase)
@@ -99,7 +104,7 @@ def flat_profile(
         slab = stacked(table, s)
         return slab.R_plus if side == "reflectance" else slab.T_plus
     mean = mean_direction(incidence, table.eta[0])
-    return layered_diffusion.profile(table, s, mean, side=side)
+    return layered_diffusion.profile(table, s, mean, side=side, loops=loops)
 
 
 def _better_dipole(

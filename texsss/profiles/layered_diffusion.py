@@ -14,7 +14,7 @@ import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
-from texsss.profiles.blocks import Solver, solved
+from texsss.profiles.blocks import Loops, Solver, solved
 from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, ray_of, received, sheet_of
 from texsss.profiles.slab import TINY, Directions, from_side, light_in
 from texsss.types import Float, Tensor
@@ -37,13 +37,18 @@ class Prepared(NamedTuple):
 
 
 def profile(
-    table: LayerTable, s: Float[Tensor, " S"], directions: Directions, *, side: str
+    table: LayerTable,
+    s: Float[Tensor, " S"],
+    directions: Directions,
+    *,
+    side: str,
+    loops: Loops | None = None,
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
     `s` [1/mm]; 0 below a stack without a bottom. Differentiable in `table` and `s`.
     """
-    return solved(table, s, Solver(prepare, (directions, side), spectrum, side))
+    return solved(table, s, Solver(prepare, (directions, side), spectrum, side), loops)
 
 
 @no_type_check

@@ -14,7 +14,7 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.profiles import single
-from texsss.profiles.blocks import Solver, solved
+from texsss.profiles.blocks import Loops, Solver, solved
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import TINY, Directions, added, extinguished, from_side, light_in
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
@@ -43,6 +43,7 @@ def profile(
     side: str,
     scattering: str = "total",
     phase: str = "henyey-greenstein",
+    loops: Loops | None = None,
 ) -> Float[Tensor, "S N"]:
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
@@ -55,7 +56,8 @@ def profile(
     knows `phase`. Differentiable in `table` and `s`.
     """
     asked = (directions, side, scattering, phase)
-    return solved(table, s, Solver(prepare, asked, spectrum, side, unreduced(table, side, scattering)))
+    solver = Solver(prepare, asked, spectrum, side, unreduced(table, side, scattering))
+    return solved(table, s, solver, loops)
 
 
 def unreduced(table: LayerTable, side: str, scattering: str) -> bool:

@@ -9,12 +9,12 @@ and by m = λd alone: with c = m coth m and k = m / sinh m, both even and 1 at 0
     -v'(0) d = c v(0) - k v(d),     -v'(d) d = k v(0) - c v(d).
 
 Where v leaves by the far face with an admittance -v'/v of G, that of the near face is then
-(c Gd + m²) / (c + Gd) / d: nothing cancels. With e^-m and tanh m nothing overflows, and thin layers
+(c Gd + m²) / (c + Gd) / d: nothing cancels. With e^-m and 1 - e^-m nothing overflows, and thin layers
 keep their digits. The light enters as e^-σz; its quotient of differences, which vanish where (λ - σ)d does,
 blends into its limit there.
 
-This is where all the time goes. A pass over memory costs more than an arithmetic operation, so every
-pass counts; fused.cpp makes one loop of it all.
+This is where all the time goes. A pass over memory costs as much as an arithmetic operation, and e^-m, let
+alone tanh m, as ten, so every pass counts; fused.cpp makes one loop of it all.
 """
 
 from typing import NamedTuple, no_type_check
@@ -44,7 +44,7 @@ class Sheet(NamedTuple):
     d2: Tensor
     rays: tuple[Ray, ...]
     one: Tensor  # numbers, as tensors: addcmul takes no others
-    half: Tensor
+    two: Tensor
 
 
 class Crossing(NamedTuple):
@@ -53,7 +53,7 @@ class Crossing(NamedTuple):
     decay: Tensor  # e^-m
     m: Tensor
     c: Tensor  # m coth m
-    k: Tensor  # m / sinh m
+    h: Tensor  # ½ k = ½ m / sinh m
 
 
 @no_type_check
@@ -70,17 +70,19 @@ def ray_of(light, d):
 def sheet_of(d, rays):
     """A layer of thickness `d` (1, N) with the light in it."""
     d = d + THIN
-    return Sheet(d, d * d, rays, d.new_full((), 1.0), d.new_full((), 0.5))
+    return Sheet(d, d * d, rays, d.new_full((), 1.0), d.new_full((), 2.0))
 
 
 @no_type_check
 def crossing(squared, sheet):
     """The mode of m² = `squared` (S, N) in a sheet."""
     m = torch.sqrt(squared)
-    decay = torch.clamp(m, max=FAR).neg_().exp_()  # denormal numbers beyond would take ten times longer
-    c = m / torch.tanh(m)
-    k = (c * decay).div_(torch.addcmul(sheet.half, decay, decay, value=0.5))
-    return Crossing(decay, m, c, k)
+    fall = -m
+    less = torch.expm1(fall)
+    decay = torch.clamp(fall, min=-FAR).exp_()  # denormal numbers beyond would take ten times longer
+    over = fall / (less + 2).mul_(less)  # m / (1 - e^-2m)
+    h = over * decay
+    return Crossing(decay, m, torch.addcmul(over, h, decay), h)
 
 
 @no_type_check
@@ -88,8 +90,8 @@ def lit(mode, sheet):
     """∫ P and ∫ Q over the sheet with the source of all its rays."""
     near = far = None
     for ray in sheet.rays:
-        q = overlap(mode.decay, ray.beam, ray.tau - mode.m, sheet.one)
-        p = torch.addcmul(sheet.one, mode.k, q, value=-1).div_(mode.m + ray.tau)
+        q = overlap(mode.decay, ray.beam, ray.tau - mode.m, sheet.two)
+        p = torch.addcmul(sheet.one, mode.h, q, value=-2).div_(mode.m + ray.tau)
         near = _plus(near, ray.down, p)
         if ray.up is None:
             far = _plus(far, ray.down, q)
@@ -103,17 +105,15 @@ def lit(mode, sheet):
 
 
 @no_type_check
-def overlap(decay, beam, apart, one):
+def overlap(decay, beam, apart, two):
     """∫ e^(-σz) e^(-λ(d - z)) dz / d by `decay` = e^-λd, `beam` = e^-σd and `apart` = (σ - λ) d.
 
     That is (decay - beam) / apart, which blends into ½ (decay + beam) / (1 + apart² / 12), right to fourth
     order, where it is 0 / 0: in float32 both are good to 3e-7.
     """
-    sharp = 1 / few(decay.dtype)
-    squared = apart * apart
-    limit = torch.add(beam, decay).div_(torch.add(one, squared, alpha=1 / 12))
-    total = torch.addcmul(limit, (decay - beam) * apart, squared, value=2 * sharp)
-    return total.div_(torch.addcmul(one, squared, squared, value=sharp).mul_(2))
+    sharp, squared = 2 / few(decay.dtype), apart * apart
+    total = torch.addcmul(decay + beam, (decay - beam) * apart, squared, value=sharp)
+    return total.div_(torch.addcmul(torch.add(two, squared, alpha=1 / 6), squared, squared, value=sharp))
 
 
 @no_type_check
@@ -143,7 +143,7 @@ def crossed(mode, squared, sheet, response, Gd):
     whole = mode.c + Gd
     if response is not None:
         far = far + response
-    reached = torch.addcmul(near * whole, mode.k, far)
+    reached = torch.addcmul(near * whole, mode.h, far, value=2)
     return reached, torch.addcmul(squared, Gd, mode.c), whole
 
 

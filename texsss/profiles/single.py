@@ -54,7 +54,7 @@ class Leg(NamedTuple):
     shafts: tuple[Shaft, ...]
     over: Tensor | None  # what all shafts end with, less what those of the next layer start with, over drifts
     bounced: tuple[Bounced, ...]
-    one: Tensor  # a number
+    two: Tensor  # a number
 
 
 class Node(NamedTuple):
@@ -116,8 +116,8 @@ def _legs(layers, lights, cosines, phase, weight):
             legs[-1] = legs[-1]._replace(over=legs[-1].over - added([x.start for x in shafts]) / drift)
         over = None if layer.d is None else added([x.end for x in shafts]) / drift
         way = None if layer.d is None else aside
-        number, one = escape.new_full((), drift), escape.new_full((), 1.0)
-        legs.append(Leg(number, way, layer.d, escape, tuple(shafts), over, tuple(bounced), one))
+        number, two = escape.new_full((), drift), escape.new_full((), 2.0)
+        legs.append(Leg(number, way, layer.d, escape, tuple(shafts), over, tuple(bounced), two))
     return tuple(legs)
 
 
@@ -153,8 +153,8 @@ def _leaving(legs, s, total):
         b2 = (s * leg.drift) ** 2
         first, before = wave, area
         if leg.d is not None:
-            x = torch.clamp(s * leg.aside, max=FAR)
-            damped, turn = torch.exp(x * -_DAMPING), x * _TURN
+            turn = torch.clamp((s * _TURN) * leg.aside, max=FAR * _TURN)
+            damped = torch.exp(turn * (-_DAMPING / _TURN))
             area = (damped * torch.sin(turn)).mul_(1 / (_TURN * s))
             wave = torch.addcmul(damped * torch.cos(turn), s * _DAMPING, area)
         for shaft in leg.shafts:
@@ -172,7 +172,7 @@ def _leaving(legs, s, total):
             m = torch.lerp(leg.escape.expand_as(root), root, shift) * leg.d
             passed = torch.clamp(m, max=FAR).neg_().exp_()
             for ray in leg.bounced:
-                total = total + ray.strength * through * overlap(passed, ray.beam, ray.tau - m, leg.one)
+                total = total + ray.strength * through * overlap(passed, ray.beam, ray.tau - m, leg.two)
             through = through * passed
     return total, through
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, no_type_check
 import torch
 
 from texsss.profiles.modes import LEAST, THIN, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
-from texsss.profiles.slab import TINY
+from texsss.profiles.slab import TINY, added
 from texsss.types import Tensor
 
 # A face feels the extinction at depth z as e^-(3 σ + 8 s) z, so that a layer that vanishes is not felt.
@@ -156,9 +156,7 @@ def scattered_twice(sweep, s, s2):
     x = _felt(sweep.near, s)
     b = _faces(sweep.near, sweep.near.loss, x)
     out = _faces(sweep.near, sweep.near.out, x)
-    lowest = None
-    if sweep.far is not None:
-        lowest = _faces(sweep.far, sweep.far.loss, _felt(sweep.far, s))
+    lowest = None if sweep.far is None else _faces(sweep.far, sweep.far.loss, _felt(sweep.far, s))
     both = _coupled(sweep.levels, s2, b, out, lowest)
     for m in (0, 1):
         both = both - _uncoupled(sweep.levels, s2, m, b[m], out[m], None if lowest is None else lowest[m])
@@ -198,12 +196,12 @@ def _coupled(levels, s2, b, out, lowest):
         cross = (G[1] * G[2]).neg_()
         q1, q2 = torch.addcmul(cross, G[0], B2), torch.addcmul(cross, G[3], B1)
         inverse = torch.addcmul(q1, first.c, B2).reciprocal_()
-        e1, e2 = first.k * inverse, second.k * inverse
+        e1, e2 = first.h * inverse, second.h * inverse
         response = (
-            torch.addcmul(near1, e1, torch.addcmul(l1 * B2, l2, G[2], value=-1)),
-            torch.addcmul(near2, e2, torch.addcmul(l2 * B1, l1, G[1], value=-1)),
+            torch.addcmul(near1, e1, torch.addcmul(l1 * B2, l2, G[2], value=-1), value=2),
+            torch.addcmul(near2, e2, torch.addcmul(l2 * B1, l1, G[1], value=-1), value=2),
         )
-        both = first.k * e2
+        both = (first.h * e2).mul_(4)
         gamma = (
             torch.addcmul(squared[0] * B2, first.c, q1).mul_(inverse),
             both * G[1],
@@ -265,15 +263,15 @@ def _felt(face, s):
     if len(face.felt) == 1:
         u = s / face.felt[0][0]
         return u * u
-    left, mean, whole = 1.0, 0.0, 0.0  # shares only: differences of extinctions would cancel
-    for sigma, tau, depth in face.felt:
-        share = left
+    left, shares = 1.0, []  # differences of extinctions would cancel
+    for _, tau, depth in face.felt:
+        shares.append(left)
         if tau is not None:
-            x = torch.clamp(torch.addcmul(tau, s, depth), max=_FELT).neg_()
-            share, left = -left * torch.expm1(x), left * torch.exp(x)
-        mean, whole = mean + sigma * share, whole + share
+            x = torch.addcmul(tau, s, depth).clamp_(max=_FELT).neg_()
+            shares[-1], left = -left * torch.expm1(x), left * torch.exp(x)
+    mean = added([sigma * share for (sigma, *_), share in zip(face.felt, shares)])
     if face.felt[-1][1] is not None:  # of a thin slab what is there
-        mean = (mean + face.felt[-1][0] * TINY) / (whole + TINY)
+        mean = (mean + face.felt[-1][0] * TINY) / (added(shares) + TINY)
     u = s / mean
     return u * u
 

@@ -7,7 +7,8 @@ import torch
 from texsss.media.stack import LayerTable, Stack
 from texsss.numerics.memory import room
 from texsss.numerics.threads import in_threads
-from texsss.profiles.fused import Fused
+from texsss.profiles.blocks import Loops
+from texsss.profiles.fused import MODELS, Fused
 from texsss.profiles.hankel import Material, as_table, flat_profile
 from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
@@ -16,8 +17,10 @@ from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled, 
 
 LEVELS = 256  # an 8-bit map keeps its values
 CHUNK = 16_384  # rows solved at once
-LOOP_CHUNK = 4096  # ... by the loop
+JITTED_CHUNK = 32_768  # ... by the loop of numba, among which are some for torch
+LOOP_CHUNK = 4096  # ... by the loop in C++
 WORTH_COMPILING = 10_000  # rows; fewer are done before the loop is built
+WORTH_WAITING = 300_000  # rows; fewer are done before numba has built the loop
 WORKSPACE = 2**22  # [numbers] set aside before
 
 
@@ -85,7 +88,7 @@ def weights_for(
     Maps of 8 bits keep their values. Others are rounded to steps that are finest near their least value:
     totals move by .0004 on average, by .003 or more at one in 100, by up to .013 where little is absorbed.
     Grey materials are shown in `channels` channels. `compiled`: many rows of the layered models by a loop in
-    C++, where there is a compiler, in float32 and without gradients.
+    C++, where there is a compiler, or of numba, where that is installed; in float32 and without gradients.
     Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
@@ -108,19 +111,22 @@ def weights_for(
     options = {"model": model, "scattering": scattering, "incidence": incidence, "side": side}
     worth = compiled and not table.requires_grad and table.batch[0] >= WORTH_COMPILING
     fused = Fused(table, s, matrix, **options) if worth else None
+    loops = None
     if fused is None or not fused.ready:
         fused = None
+        if worth and model in MODELS and Loops.serve(s):
+            loops = Loops(wait=table.batch[0] >= WORTH_WAITING)
         # glibc hands memory back after every operation until it has seen something large freed: half the time
         torch.empty(WORKSPACE, device=matrix.device)
     count, done = table.batch[0], []
 
     def solve(part: slice) -> Float[Tensor, "B K C"]:
-        spectrum = flat_profile(table.rows(part), s, **options)
+        spectrum = flat_profile(table.rows(part), s, loops=loops, **options)
         # channels and rows, flattened → rows, weights and channels
         made = (matrix @ spectrum).view(len(variances) * table.channels, -1).t()
         return made.reshape(-1, len(variances), table.channels)
 
-    parts = chunks(count, LOOP_CHUNK if fused else CHUNK)
+    parts = chunks(count, LOOP_CHUNK if fused else JITTED_CHUNK if loops else CHUNK)
     if table.requires_grad:
         return Weights(variances.to(table.sigma_a), torch.cat([solve(part) for part in parts]), row)
     weights = room(matrix, count, len(variances), table.channels)

@@ -1,0 +1,66 @@
+"""What is recorded, repeated by torch or as a loop of numba, is what the function gives."""
+
+import pytest
+import torch
+
+from texsss.numerics.jitted import Loop
+from texsss.numerics.recorded import Recording
+
+S = torch.linspace(0, 3, 5)[:, None]
+
+
+def every_form(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """Each operation once at least, in place and not, by numbers and tensors from either side."""
+    none = torch.zeros_like(a)
+    x = torch.addcmul(a, S, b, value=-0.5) + torch.addcdiv(none, S, b.clamp(0.2, 3.0)).sqrt_()
+    x = torch.add(x, b.expand_as(x), alpha=2).abs().clamp_min(0.1).clamp_(max=9.0)
+    x = torch.where(x > 1, x, 0.5 * b)
+    x = x + torch.where(a >= b, a, 1.0) - torch.where(a < b, a, b) + torch.where(a <= 0.5, 1.0, b)
+    y = (1 - torch.exp(-x)) * torch.expm1(x.clamp_max(2)) + 3 / x - torch.sin(9 * x) * torch.cos(-x)
+    y = y.neg_() + torch.rsqrt(x) + torch.reciprocal(x) + x**2 + x**1.5 + (a + 1) ** -1.5
+    return torch.lerp(y, x, torch.minimum(a, b)) / torch.maximum(a, b.detach()).mul_(2).add_(1)
+
+
+@pytest.mark.parametrize("count", [1, 200])
+def test_a_loop_knows_every_form(count):
+    """float32 against float64, of values up to 40: measured 8e-6."""
+    generator = torch.Generator().manual_seed(5)
+    inputs = [torch.rand(1, count, generator=generator) * 2 + 0.1 for _ in range(2)]
+    made = torch.full((len(S), count), torch.nan)
+    Loop(Recording(every_form, inputs), wait=True)(inputs, made)
+    torch.testing.assert_close(made.double(), every_form(*(x.double() for x in inputs)), rtol=2e-5, atol=2e-5)
+
+
+def test_equal_operations_are_done_once_and_idle_ones_never():
+    def function(a):
+        (a + 1).exp()
+        return S * (a * 2).add_(3) + S * (a * torch.full_like(a, 2) + 3) + (a * 2 + 3)
+
+    names = [x.name for x in Recording(function, [torch.rand(1, 4)]).operations]
+    assert sorted(names) == ["add"] * 3 + ["mul"] * 2
+
+
+@pytest.mark.parametrize(
+    "function",
+    [lambda a: S * a.sum(), lambda a: S * a.flip(1), lambda a: S * float(a[0, 0]), lambda a: S * a.mT.mT],
+)
+def test_what_looks_at_other_columns_is_refused(function):
+    with pytest.raises(LookupError, match="no operation on every column"):
+        Recording(function, [torch.rand(1, 4)])
+
+
+def test_nothing_is_built_unless_it_is_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    with pytest.raises(LookupError, match="not built"):
+        Loop(Recording(lambda a: S * a, [torch.rand(1, 4)]), wait=False)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_loop_that_cannot_be_kept_is_none(tmp_path, monkeypatch):
+    (tmp_path / "native").write_text("no folder")
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    with (
+        pytest.warns(RuntimeWarning, match="numba could not"),
+        pytest.raises(LookupError, match="cannot be built"),
+    ):
+        Loop(Recording(lambda a: S * a + 0.25, [torch.rand(1, 4)]), wait=True)
