@@ -13,4 +13,7 @@ def drafted(scene: Scene, settings: Settings) -> Scene:
     scale = min(1.0, (settings.draft_pixels / (width * height)) ** 0.5)
     resolution = max(1, round(width * scale)), max(1, round(height * scale))
     camera = scene.camera.model_copy(update={"resolution": resolution, "samples": 1})
-    return scene.model_copy(update={"atlas": atlas, "camera": camera})
+    methods = scene.methods
+    if methods.single_scattering == "auto":
+        methods = methods.model_copy(update={"single_scattering": "none"})  # which needs no rays of its own
+    return scene.model_copy(update={"atlas": atlas, "camera": camera, "methods": methods})

@@ -64,6 +64,11 @@ def test_more_costs_more(tmp_path):
     assert (
         expected(**plain | {"methods": {"single_scattering": "exact", "march_samples": 64}}) > marched > base
     )
+    lamp = {"lights": [{"type": "point", "position_mm": [0, 0, 900]}]}  # which is marched unasked
+    lit, unmarched = (
+        expected(**plain | lamp | {"methods": {"single_scattering": x}}) for x in ("auto", "none")
+    )
+    assert lit > unmarched
 
 
 def test_a_spot_is_no_wider_within_than_without():

@@ -73,14 +73,29 @@ class Diffusing(Beneath):
             return self.hierarchical(scattering)
         if self.scene.methods.diffusion == "parallax":
             return self.seen_along_normals
-        # an eye sees angles; textures do not
-        bank = self._bank(self.irradiance_by_angle) if scattering == "unmarched" else self.bank
-        left, echo = self._spread(bank, scattering), self.echo
+        left, echo = (
+            self._unmarched() if scattering == "unmarched" else self._spread(self.bank, "total"),
+            self.echo,
+        )
         if echo is None:
             return left
         # of light from other parts no march knows anything
         again = self._spread(self._bank(echo), "total")
         return self.stage("exitance", lambda: left.value + again.value, "both", left, again)
+
+    def _unmarched(self) -> Kept:
+        """Exitance of what comes straight from lights and is not marched."""
+        # an eye sees angles; textures do not
+        if self.angular is not None:
+            return self._spread(self._bank(self.irradiance_by_angle), "unmarched")
+        lamps = self._bank(self.lamplight)
+        left = self._spread(lamps, "unmarched")
+        if self.lamplight.key == self.irradiance.key:
+            return left
+        # of lights that are not marched all is here
+        whole, part = self._spread(self.bank, "total"), self._spread(lamps, "total")
+        make = lambda: whole.value - part.value + left.value  # noqa: E731
+        return self.stage("exitance", make, "beside", whole, part, left)
 
     @cached_property
     def echo(self) -> Kept | None:

@@ -75,9 +75,9 @@ def estimate(run: Run) -> Estimate:
         rays += EXCHANGE_RAYS + bounces * ECHO_RAYS
         memory += texels * EXCHANGE_BYTES
     seconds = 2.0 + size * size * blur * (1 + bounces) / 3 + texels * rays / RAYS_PER_SECOND
-    if scene.methods.single_scattering != "none":
+    if run.marching != "none":
         width, height = scene.camera.resolution
-        lamps = sum(LAMPS.get(light.type, 1) for light in scene.lights)
+        lamps = sum(LAMPS.get(light.type, 1) for light in run.marched_lights)
         each = MARCH_SECONDS + scene.methods.march_samples * STEP_SECONDS
         seconds += PICTURE_SHARE * width * height * lamps * each
     faces = mesh.faces.shape[0]

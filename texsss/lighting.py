@@ -1,5 +1,6 @@
 """What lights the object: emitters placed, and the light that enters at points of the surface."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 from texsss import placing
@@ -39,13 +40,25 @@ class Lighting(Matter):
         images = {} if surface.normal is None else {surface.normal: self.surface_maps[surface.normal].value}
         return sites_at(points, mesh, bumped(surface, images, points, mesh))
 
+    @cached_property
+    def lamps(self) -> list[Light]:
+        """The lights whose light pictures march."""
+        marched = tuple(self.marched_lights)
+        if len(marched) == len(self.scene.lights):
+            return self.lights
+        return placing.lights(self.scene.model_copy(update={"lights": marched}), self.mesh.value[0], {})
+
     def entered(
-        self, sites: Sites, stage: str, by_angle: Weighing | None = None, *, surroundings: bool = True
+        self,
+        sites: Sites,
+        stage: str,
+        by_angle: Weighing | None = None,
+        lights: Sequence[Light] | None = None,
     ) -> Float[Tensor, "P 3"]:
-        """Entered irradiance at sites [W/m²], weighed by its angle where told how."""
+        """Entered irradiance at sites [W/m²], of all lights or those named; by its angle where told how."""
         return irradiance_at(
             sites,
-            [light for light in self.lights if surroundings or not isinstance(light, Environment)],
+            self.lights if lights is None else lights,
             eta=self.stack.value.eta,
             occluder=self.occluder.value,
             environment_samples=placing.environment_samples(self.scene),
@@ -85,6 +98,16 @@ class Lighting(Matter):
         return self.stage("curvature", make, self.texels)
 
     @property
+    def lamplight(self) -> Kept:
+        """Entered irradiance at the texels (P, 3) [W/m²] of the lights that pictures march."""
+        marched = tuple(self.marched_lights)
+        if len(marched) == len(self.scene.lights):
+            return self.irradiance
+        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        make = lambda: self.entered(sites.value, "light", lights=self.lamps)  # noqa: E731
+        return self.stage("light", make, sites, (marched, {}), eta, seed)
+
+    @property
     def irradiance_by_angle(self) -> Kept:
         """Entered irradiance at the texels, as much as comes back of its angle per that of diffuse light.
 
@@ -115,9 +138,10 @@ class Lighting(Matter):
         if how is None or how.value.beside is None:
             return None
         sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        nearby = [light for light in self.lights if not isinstance(light, Environment)]
 
         def weight(rows: Tensor, cosine: Tensor, direction: Tensor) -> Tensor:
             return how.value.beside_at(cosine) * cosine[:, None]
 
-        make = lambda: self.entered(sites.value, "light", Weighing(weight), surroundings=False)  # noqa: E731
+        make = lambda: self.entered(sites.value, "light", Weighing(weight), nearby)  # noqa: E731
         return self.stage("light", make, sites, self.lights_key, eta, seed, how, "beside")

@@ -23,7 +23,7 @@ from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import Planes
 from texsss.types import Float, Tensor
 from texsss.view.camera import Hits
-from texsss.view.shade import Gloss, Sight, sight
+from texsss.view.shade import Gloss, Sight, facing, sight
 
 WORTH_COMPILING = 40_000  # steps of all pixels and lights; fewer are done before a loop is built
 
@@ -118,6 +118,7 @@ def scattered_once(
     lights: Sequence[Light],
     *,
     atlas_uv: Float[Tensor, "F 3 2"],
+    bumps: Callable[[Points], Tensor | None],
     scale: Float[Tensor, "H W 3"] | None,
     thickness: Float[Tensor, "H W 1"] | None = None,
     how: MarchSpec,
@@ -128,10 +129,11 @@ def scattered_once(
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
 
-    `scale`: an image over the atlas that multiplies it, where profiles are normalised. `thickness`: of the
-    object [mm], an image alike, where the profiles end with it. `pixels`: of the picture; all its rays are
-    marched by the loop in C++ if that is worth building. `options`: the method and occluder of `March`, and
-    how often it samples lights. Every ray of a pixel draws numbers of its own from `seed`.
+    `bumps`: shading normals at points where they are not those of the mesh. `scale`: an image over the atlas
+    that multiplies it, where profiles are normalised. `thickness`: of the object [mm], an image alike, where
+    the profiles end with it. `pixels`: of the picture; all its rays are marched by the loop in C++ if that
+    is worth building. `options`: the method and occluder of `March`, and how often it samples lights. Every
+    ray of a pixel draws numbers of its own from `seed`.
     """
     interior = from_stack(stack)
     if how.deepest_mm is not None:
@@ -143,9 +145,11 @@ def scattered_once(
     worth = pixels * samples * len(lights) >= WORTH_COMPILING
 
     def once(hits: Hits) -> Tensor:
+        bent = bumps(hits.points)
         light = march(
             hits.points,
             hits.view,
+            normals=None if bent is None else facing(bent, hits.view),
             thickness=None if thick is None else thick.at(hits.points.uv(atlas_uv))[:, 0],
             compiled=worth,
             seed=hits.seed(seed),

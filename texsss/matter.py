@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cached_property
+from typing import Literal
 
 import torch
 
@@ -16,9 +17,12 @@ from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.through import weights_through
 from texsss.profiles.weights import Weights, weights_for
+from texsss.specs import EnvironmentSpec, LightSpec, RectangleSpec, SphereSpec
 from texsss.surface.points import Points
+from texsss.transport.march.interior import marches
 from texsss.types import Float, Tensor
 
+EXTENDED = (EnvironmentSpec, RectangleSpec, SphereSpec)  # lights that a march samples: slow, or with grain
 SOME = 1024  # texels at which a varying material is averaged
 
 
@@ -159,10 +163,38 @@ class Matter(Ground):
         return self.stack, self.texels, self.variances, methods.profile, scattering, methods.incidence
 
     @cached_property
+    def marching(self) -> Literal["none", "uniform", "exact"]:
+        """How pictures march light that was scattered once; "none" where the profiles hold it."""
+        methods = self.scene.methods
+        if methods.single_scattering != "auto":
+            return methods.single_scattering
+        fits = methods.marches_unasked and marches(self.stack.value)
+        return "exact" if fits and self.marched_lights else "none"
+
+    @property
+    def why_unmarched(self) -> list[str]:
+        """What to know where pictures would march but for the material, in sentences."""
+        methods = self.scene.methods
+        if methods.single_scattering != "auto" or not methods.marches_unasked or marches(self.stack.value):
+            return []
+        return [
+            "A layer's thickness differs between colours, so pictures march no light that scattered once: "
+            'the light of textures holds it; choose one "channel" of the thickness map to have it marched.'
+        ]
+
+    @property
+    def marched_lights(self) -> list[LightSpec]:
+        """The scene's lights whose light is marched, if any is; unless asked for, those without extent."""
+        methods, lights = self.scene.methods, self.scene.lights
+        if methods.single_scattering != "auto" or methods.angular:
+            return list(lights)
+        return [light for light in lights if not isinstance(light, EXTENDED)]
+
+    @cached_property
     def angular(self) -> Kept | None:
         """How what is not marched enters and leaves by its angle, of mean maps; None unless asked for."""
         methods, scene = self.scene.methods, self.scene
-        if not methods.angular or methods.single_scattering == "none":
+        if not methods.angular or self.marching == "none":
             return None
         used = {name: self.image(name) for name in resolve.material_maps(scene)}
 

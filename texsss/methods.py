@@ -76,8 +76,11 @@ class MethodsSpec(Model):
     """Which method computes each stage; all are named, so that they can be compared.
 
     With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
-    steps and diffuse only the rest; textures hold both, since they know no eye. With `transmission`,
-    light also comes through from the far side of the object, as much as its thickness there lets pass.
+    steps and diffuse only the rest; textures hold both, since they know no eye. `auto`: `exact` with
+    profile `layered-sp3` and diffusion `surface` or `uv`, for the light of points, spots, suns and the
+    studio (with `angular` of all); `none` with others, and where a thickness differs between colours.
+    With `transmission`, light also comes through from the far side of the object, as much as its
+    thickness there lets pass.
     `interreflection`: how often light that left one part of the object lights others. `angular`: beside a
     march all other light enters and leaves by its angle, not evenly. Neither with `octree` or `parallax`.
     `diffusion: parallax` shows textures beneath textures instead; pictures alone see them shift.
@@ -90,7 +93,7 @@ class MethodsSpec(Model):
     rule: Literal["exit", "entry", "geometric-mean"] = "exit"
     terms: Annotated[Count, Field(ge=1, le=32)] = 8
     incidence: Literal["diffuse", "normal"] = "diffuse"
-    single_scattering: Literal["none", "uniform", "exact"] = "none"
+    single_scattering: Literal["auto", "none", "uniform", "exact"] = "auto"
     march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
     angular: bool = False
@@ -99,6 +102,11 @@ class MethodsSpec(Model):
     poisson: PoissonSpec = PoissonSpec()
     march: MarchSpec = MarchSpec()
     parallax: ParallaxSpec = ParallaxSpec()
+
+    @property
+    def marches_unasked(self) -> bool:
+        """Whether `auto` marches: where diffusion knows what is left, and stands for no older system."""
+        return self.profile == "layered-sp3" and self.diffusion in ("surface", "uv")
 
     @model_validator(mode="after")
     def _asks_what_there_is(self) -> "MethodsSpec":

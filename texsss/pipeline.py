@@ -66,6 +66,7 @@ class Run(Diffusing):
         said += averaged(
             self.scene.material.surface, {n: kept.value for n, kept in self.surface_maps.items()}
         )
+        said += self.why_unmarched
         return [*self.inward.value, *said, *notes.messages, *self.atlas.value.report.messages]
 
     # picture
@@ -76,11 +77,24 @@ class Run(Diffusing):
         (mesh, _), radius = self.mesh.value, planes_radius(from_stack(self.stack.value))
         return self.stage("planes", lambda: fitted_planes(mesh, radius), self.mesh, radius)
 
+    @property
+    def marches(self) -> dict[str, str | int]:
+        """How pictures march, as the report says it; lights that are not marched diffuse all of theirs."""
+        if self.marching == "none":
+            return {"method": "none"}
+        steps, lights = self.scene.methods.march_samples, len(self.marched_lights)
+        return {
+            "method": self.marching,
+            "steps": steps,
+            "lights": lights,
+            "of_lights": len(self.scene.lights),
+        }
+
     @cached_property
     def single(self) -> Callable[[Hits], Tensor] | None:
         """Radiance of light scattered once, at camera hits; None where the profiles hold it."""
-        methods = self.scene.methods
-        if methods.single_scattering == "none":
+        methods, method = self.scene.methods, self.marching
+        if method == "none":
             return None
         (mesh, _), texels = self.mesh.value, self.texels.value
         scale = None
@@ -96,11 +110,12 @@ class Run(Diffusing):
             self.stack.value,
             mesh,
             self.planes.value,
-            self.lights,
+            self.lamps,
             atlas_uv=texels.atlas_uv,
+            bumps=self.normals_at,
             scale=scale,
             thickness=thickness,
-            method=methods.single_scattering,
+            method=method,
             samples=methods.march_samples,
             how=methods.march,
             pixels=math.prod(self.scene.camera.resolution),
@@ -196,7 +211,7 @@ class Run(Diffusing):
                 **self.hooks("picture"),
             )
 
-        how = (methods.single_scattering, methods.march_samples, methods.march)
+        how = (self.marching, tuple(self.marched_lights), methods.march_samples, methods.march)
         marched = None if once is None else (self.planes, how)
         lit = (
             image,
@@ -231,6 +246,6 @@ class Run(Diffusing):
             atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
             energies = self.entered_light, self.exitance
             advice = self.advice if bool((energies[0] > 0).any()) else [UNLIT, *self.advice]
-            return describe(scene, self.seconds, advice, atlas, texels, weights, *energies)
+            return describe(scene, self.seconds, advice, atlas, texels, weights, *energies, self.marches)
 
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)

@@ -23,11 +23,12 @@ def describe(
     weights: Weights,
     irradiance: Float[Tensor, "P 3"],
     exitance: Float[Tensor, "P 3"],
+    marching: Mapping[str, str | int],
 ) -> dict:
     """The report of a bake as plain values.
 
     `seconds` per stage that ran (kept results take none). `notes`: sentences for the user. Energy is
-    what entered and what left the whole surface [W].
+    what entered and what left the whole surface [W]. `marching`: what pictures march, by how many steps.
     """
     mesh, area = texels.mesh, texels.area[:, None] / 1e6  # m²
     return {
@@ -56,6 +57,7 @@ def describe(
             "entered_w": (area * irradiance).sum(0).tolist(),
             "left_w": (area * exitance).sum(0).tolist(),
         },
+        "march": dict(marching),
         "notes": list(notes),
         "scene": scene.model_dump(mode="json"),
     }

@@ -62,13 +62,12 @@ def from_stack(stack: Stack) -> Interior:
     bent between layers. Differentiable in maps and coefficients.
     Raises ShapeError: when a thickness differs between channels.
     """
-    for i, layer in enumerate(stack.layers):
-        d = layer.thickness
-        if d is not None and d.shape[-1] > 1 and bool((d.detach() != d.detach()[..., :1]).any()):
-            raise ShapeError(
-                f"march: expected one thickness for all channels of layer {i}, got different ones; "
-                "boundaries cannot depend on colour."
-            )
+    coloured = _coloured(stack)
+    if coloured is not None:
+        raise ShapeError(
+            f"march: expected one thickness for all channels of layer {coloured}, got different ones; "
+            "boundaries cannot depend on colour."
+        )
     sizes = [
         x.shape[:2]
         for layer in stack.layers
@@ -99,6 +98,11 @@ def from_stack(stack: Stack) -> Interior:
     absorption = field(table.sigma_a, [m.sigma_a for m in media])
     g = field(table.g, [m.g for m in media])
     return Interior(depth.reshape(height, width, finite), scattering, scattering + absorption, g, stack.eta)
+
+
+def marches(stack: Stack) -> bool:
+    """Whether `from_stack` takes a stack: every layer is as thick in all channels."""
+    return _coloured(stack) is None
 
 
 def from_depths(
@@ -193,6 +197,15 @@ def check_uv(mesh: Mesh, uv: Float[Tensor, "F 3 2"] | None, interior: Interior) 
             f"march: expected texture coordinates for the maps, got none with {mesh.name}; pass uv=atlas.uv."
         )
     return mesh.vertices.new_zeros(mesh.faces.shape[0], 3, 2)
+
+
+def _coloured(stack: Stack) -> int | None:
+    """The first layer whose thickness differs between channels."""
+    for i, layer in enumerate(stack.layers):
+        d = None if layer.thickness is None else layer.thickness.detach()
+        if d is not None and d.shape[-1] > 1 and bool((d != d[..., :1]).any()):
+            return i
+    return None
 
 
 def _check_order(depth: Float[Tensor, "H W B"], sort: bool) -> None:

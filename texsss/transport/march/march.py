@@ -1,6 +1,7 @@
 """Single scattering in layers of varying thickness, seen from an eye: at texels or at camera hits."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from threading import Lock
 from typing import Any
 
@@ -25,7 +26,7 @@ from texsss.transport.march.planes import (
     rounded_radius,
     tangent_planes,
 )
-from texsss.transport.march.setup import Surface, dot, light_scalars, view_rays
+from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
@@ -107,6 +108,7 @@ class March:
         view: Float[Tensor, "P 3"] | Float[Tensor, "3"],
         *,
         thickness: Float[Tensor, " P"] | None = None,
+        normals: Float[Tensor, "P 3"] | None = None,
         compiled: bool = False,
         seed: int = 0,
         progress: Progress | None = None,
@@ -118,7 +120,8 @@ class March:
         the position of one eye (3,) [mm]; what faces away from it gets 0. `compiled`: by a loop in C++,
         where there is a compiler, in float32 and without gradients; the first call on a machine builds it,
         which takes seconds. `thickness` (P,) [mm]: of the object along the normal; nothing scatters
-        beyond it, however deep the last layer is.
+        beyond it, however deep the last layer is. `normals` (P, 3): shading normals, bumps included, in
+        place of the mesh's; they are to face the eye.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
         Raises ShapeError, DomainError: when the view does not fit. Raises Cancelled.
@@ -143,8 +146,11 @@ class March:
             if len(facing):
                 jitter = None if jitter is None else jitter[facing]
                 thick = None if thickness is None else thickness[row][facing].to(home)
+                sites = surface.at(here[facing])
+                if normals is not None:
+                    sites = replace(sites, normal=normals[row][facing].to(home))
                 left = self._gathered(
-                    surface, gather, here[facing], towards[facing], thick, jitter, seed, generator, cancel
+                    sites, gather, here[facing], towards[facing], thick, jitter, seed, generator, cancel
                 )
                 result = result.index_put((facing,), left)
             ended.append(row)
@@ -171,7 +177,7 @@ class March:
 
     def _gathered(
         self,
-        surface: Surface,
+        sites: Sites,
         gather: Gatherer,
         here: Points,
         towards: Float[Tensor, "P 3"],
@@ -182,7 +188,7 @@ class March:
         cancel: Cancel | None,
     ) -> Float[Tensor, "P 3"]:
         """Radiance of all lights that leaves towards the eye."""
-        eta, sites, occluder = gather.interior.eta, surface.at(here), self.occluder
+        eta, occluder = gather.interior.eta, self.occluder
         moved = None if jitter is None else jitter[:, :2]
         rays = view_rays(sites, towards, eta, gather.far, gather.size, moved, thickness)
         origin = None if occluder is None else smooth_origin(here, self.mesh)
