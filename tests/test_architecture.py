@@ -41,7 +41,7 @@ MAY_IMPORT = {
     "estimate": ROOMS | {"scene", "pipeline", "placing"},
     "stages": {"errors", "types", "scene", "cache"},
     "ground": ROOMS | {"scene", "resolve", "cache", "stages"},
-    "matter": ROOMS | {"resolve", "cache", "ground", "look"},
+    "matter": ROOMS | {"resolve", "cache", "ground", "look", "specs"},
     "lighting": ROOMS | {"placing", "cache", "look", "matter"},
     "hierarchy": ROOMS | {"cache", "look", "lighting"},
     "beneath": ROOMS | {"cache", "hierarchy", "look", "specs"},

@@ -219,7 +219,10 @@ def test_progress_names_the_stages(small):
     assert {*stages} <= {stage for stage, _ in heard} <= STAGE_VERSIONS.keys()
     for stage in stages:
         fractions = [fraction for name, fraction in heard if name == stage]
-        assert fractions[0] == 0 and fractions[-1] == 1 and fractions == sorted(fractions)
+        assert fractions[0] == 0 and fractions[-1] == 1
+        # what is marched asks some stages for another result, once the first is whole
+        again = [k for k in range(1, len(fractions)) if fractions[k] < fractions[k - 1]]
+        assert all((fractions[k - 1], fractions[k]) == (1, 0) for k in again) and len(again) < 2
 
 
 @pytest.mark.parametrize("stage", ["mesh", "texels", "light", "bank"])

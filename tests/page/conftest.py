@@ -50,7 +50,7 @@ def page_server(tmp_path_factory) -> Iterator[Running]:
 
 @pytest.fixture(scope="session")
 def ring(page_server) -> dict:
-    """A scene that bakes in a moment: an uploaded torus of skin, lit from the side."""
+    """A scene that bakes in a moment: a torus of skin, lit from the side, marched for no view."""
     with page_server.client(**OBJ) as client:
         asset = client.post("/v1/assets", params={"name": "ring.obj"}, content=torus_obj()).json()["asset"]
     return ring_of(asset)
@@ -64,6 +64,7 @@ def ring_of(asset: str) -> dict:
         "atlas": {"size": 64},
         "material": {"layers": [{"medium": "skin1"}], "surface": {"roughness": 0.35}},
         "lights": [lamp],
+        "methods": {"single_scattering": "none"},
     }
 
 

@@ -231,7 +231,7 @@ def test_the_first_bounce_is_shown_without_a_march_in_the_picture(visit):
 
 
 def test_the_march_is_blended_in_at_rest(visit):
-    page = visit({"methods": METHODS | {"single_scattering": "exact"}}, **SMALL)
+    page = visit({"methods": METHODS | {"single_scattering": "auto"}}, **SMALL)
     page.locator("#badge:not(.marching)").wait_for()
     until(page, "texsss.viewer.looks.B.marched === 1")
     marched = pixels(page)

@@ -1,7 +1,7 @@
 // Light that depends on the view: the service's picture of this view, blended in when the camera rests.
 
 import { api, clientName, NPY, Offline, Problem } from "./api";
-import { toScene, type State } from "./state";
+import { marches, toScene, type State } from "./state";
 import { showProblem } from "./toast";
 import type { Pose } from "./view/orbit";
 import { parseNpy } from "./view/npy";
@@ -80,8 +80,7 @@ class Side {
   get wanted(): boolean {
     const state = this.host.state(this.side);
     if (!state) return false;
-    const { single_scattering, diffusion } = state.methods;
-    const depends = this.alone() || single_scattering !== "none" || diffusion === "parallax";
+    const depends = this.alone() || marches(state) || state.methods.diffusion === "parallax";
     return depends && this.host.allowed();
   }
 
@@ -171,7 +170,7 @@ class Side {
     const resolution = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
     const scene = { ...toScene(this.host.state(this.side)!), camera: { ...this.host.pose(), fit: false, resolution, ...camera } };
     const alone = this.alone();
-    if (alone && scene.methods.single_scattering === "none") scene.methods.single_scattering = "exact";
+    if (alone && !marches(scene)) scene.methods.single_scattering = "exact";
     const image = alone ? "single" : "picture";
     const response = await api.image(scene, image, { ...options, accept: NPY });
     const values = parseNpy(await response.arrayBuffer());

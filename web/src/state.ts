@@ -1,7 +1,7 @@
 // What is undone, shared and saved: the scene as the panels see it, and the way to and from the service's.
 
 import { fromColour, meanFreePath, toColour } from "./material";
-import type { LayerSpec, MapValue, MediumSpec, Methods, Preset, Scene, Triple } from "./types";
+import type { LayerSpec, Light, MapValue, MediumSpec, Methods, Preset, Scene, Triple } from "./types";
 
 /** A layer as its card shows it. */
 export interface Layer {
@@ -85,6 +85,16 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
 
 /** Ways of spreading whose light no other part receives. */
 export const ALONE: Methods["diffusion"][] = ["octree", "parallax"];
+
+const WITHOUT_EXTENT: Light["type"][] = ["point", "spot", "directional", "studio"];
+
+/** Whether pictures march what scatters once: as asked, or, where that is left to the service, as it does. */
+export function marches({ methods, lights }: Pick<State, "methods" | "lights">): boolean {
+  const { single_scattering, profile, diffusion, angular } = methods;
+  if (single_scattering !== "auto") return single_scattering !== "none";
+  const fits = profile === "layered-sp3" && (diffusion === "surface" || diffusion === "uv");
+  return fits && lights.some((light) => angular || WITHOUT_EXTENT.includes(light.type));
+}
 
 /** The scene that the service understands, but for its camera: layers that are muted are left out. */
 export function toScene(state: State): Omit<Scene, "camera"> {

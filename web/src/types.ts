@@ -81,7 +81,7 @@ export interface Methods {
   rule: "exit" | "entry" | "geometric-mean";
   terms: number;
   incidence: "diffuse" | "normal";
-  single_scattering: "none" | "uniform" | "exact";
+  single_scattering: "auto" | "none" | "uniform" | "exact";
   march_samples: number;
   transmission?: boolean;
   /** How often light that left one part of the object lights others. */
