@@ -1,13 +1,18 @@
 """Normalised diffusion: the two exponentials that engines use, fitted to any profile."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 
-from texsss.numerics.quadrature import graded
-from texsss.profiles.hankel import Material, as_table, flat_profile, unflattened
+from texsss.profiles.bands import Band, bands, gathered
+from texsss.profiles.hankel import Material, as_table
 from texsss.profiles.incidence import Incidence
 from texsss.types import Float, Tensor
+
+NODES = 64
+STEPS = 60  # of the search: d is known to 1e-9 of itself
+ENDS = (0.06, 6000.0)  # of d, over the finest that is met
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +48,24 @@ def fit_burley(material: Material, *, model: str = "layered-sp3", incidence: Inc
     Golden-section search over d, not differentiable. `material`: as for `hankel_profiles`.
     """
     table = as_table(material, torch.float64)
-    reduced = table.sigma_s[..., 0, :] * (1 - table.g[..., 0, :])
-    path = 1 / (table.sigma_a[..., 0, :] + reduced).clamp_min(1e-6)
-    s, ds = graded(64, 20 / float(path.min()), grading=7.0)
-    s = torch.cat([s, s.new_zeros(1)])
-    sampled = unflattened(flat_profile(table, s, side="reflectance", model=model, incidence=incidence), table)
-    sampled = sampled.detach()
-    albedo, weight = sampled[..., -1, :], (s[:-1] * ds)[:, None]
+    options: dict[str, Any] = {"side": "reflectance", "model": model, "incidence": incidence}
+    found = list(bands(table, NODES, **options))
+    fits = [_fitted(band) for band in found]
+    albedo = gathered(found, [fit.albedo for fit in fits], table)
+    return Burley(albedo, gathered(found, [fit.d for fit in fits], table))
+
+
+def _fitted(band: Band) -> Burley:
+    """What fits the rows of a band, (U, C)."""
+    sampled = band.sampled.detach()
+    albedo = sampled[:, -1]
 
     def error(logarithm: Tensor) -> Tensor:
-        fitted = Burley(albedo, logarithm.exp()).hankel(s[:-1])
-        return (weight * (fitted - sampled[..., :-1, :]) ** 2).sum(-2)
+        return band.energy(Burley(albedo, logarithm.exp()).hankel(band.s) - sampled[:, :-1])
 
     golden = (5**0.5 - 1) / 2
-    low, high = (path * 0.003).log(), (path * 300).log()
-    for _ in range(60):
+    low, high = (torch.full_like(albedo, end / float(band.s[-1])).log() for end in ENDS)
+    for _ in range(STEPS):
         left, right = high - golden * (high - low), low + golden * (high - low)
         better = error(left) < error(right)
         low, high = torch.where(better, low, left), torch.where(better, right, high)

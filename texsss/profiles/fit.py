@@ -1,20 +1,25 @@
 """Profiles as sums of Gaussians on their own, for plots, engines and comparison."""
 
+from typing import Any
+
+import numpy as np
 import torch
 
 from texsss.errors import DomainError
-from texsss.media.stack import LayerTable
-from texsss.numerics.quadrature import graded
+from texsss.profiles.bands import Band, bands, gathered
 from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.grid import grid_gaussians
-from texsss.profiles.hankel import Material, as_table, choose, flat_profile, unflattened
-from texsss.profiles.incidence import Incidence
+from texsss.profiles.hankel import SIDES, Material, as_table, choose
+from texsss.profiles.incidence import Incidence, incidence_directions
 from texsss.profiles.project import projector, radial_error
 from texsss.types import Float, Tensor
 
 FITS = ("project", "grid", "optimise")
+MODEL = "layered-sp3"
 NODES = 64
+NODES_CHECKED = 200
 STEPS = 60  # of the optimiser; the error has settled by then
+LOST = 0.9  # of the total: where a profile has fallen so far, the widest Gaussian is looked for
 
 
 def fit_gaussians(
@@ -22,7 +27,7 @@ def fit_gaussians(
     variances: Float[Tensor, " K"] | None = None,
     terms: int = 8,
     *,
-    model: str = "layered-sp3",
+    model: str | None = None,
     scattering: str = "total",
     incidence: Incidence = "diffuse",
     side: str = "reflectance",
@@ -31,81 +36,121 @@ def fit_gaussians(
 ) -> GaussianSum:
     """A profile as a sum of `terms` Gaussians whose weights add up to its total, float64.
 
-    `variances` [mm²]: those to use; None spreads them over the scales of the profile. `fit`: project
-    (linear, exact total), grid (Mayorga's algebra: multipoles, nine terms of its own, `drop_below_mfp`),
-    optimise (variances move too, from the projected ones). Differentiable with project and grid.
-    Raises DomainError: for unknown names; ConvergenceError: for variances far from the profile's scale.
+    `variances` [mm²]: those to use; None spreads them over the scales of the profile, of all rows where it
+    varies. `model`: layered-sp3 unless told. `fit`: project (linear, exact total), optimise (variances move,
+    too, from the projected ones), grid (Mayorga's algebra: the total of multipoles, whatever the incidence,
+    by nine terms of its own; `drop_below_mfp` is for it alone). Gaussians meet what is wider than a twentieth
+    of the mean free path that light finds first, row by row. Differentiable with project and grid.
+    Raises DomainError: for unknown names, and what a fit does not know; ConvergenceError: for variances far
+    from the profile's scale.
     """
     choose("fit", fit, FITS)
     table = as_table(material, torch.float64)
     if fit == "grid":
-        return grid_gaussians(table, drop_below_mfp=drop_below_mfp)[0 if side == "reflectance" else 1]
-    options = {"side": side, "model": model, "scattering": scattering, "incidence": incidence}
-    high = 20 / _mean_free_path(table)
-    s, ds = graded(NODES, high, grading=7.0)
-    sampled = unflattened(flat_profile(table, torch.cat([s, s.new_zeros(1)]), **options), table)
+        choose("side", side, SIDES)
+        incidence_directions(incidence, table.eta[0])
+        for name, given, known in (
+            ("model", model or "multipole", "multipole"),
+            ("scattering", scattering, "total"),
+            ("variances", "some" if variances is not None else None, None),
+        ):
+            if given != known:
+                raise DomainError(
+                    f"fit_gaussians: expected {name}={known!r} with fit='grid', got {given!r}; "
+                    "leave it out, or take fit='project'."
+                )
+        return grid_gaussians(table, drop_below_mfp=drop_below_mfp)[SIDES.index(side)]
+    if drop_below_mfp is not None:
+        raise DomainError(
+            f"fit_gaussians: expected no drop_below_mfp with fit={fit!r}, got {drop_below_mfp:g}; "
+            "it is for fit='grid', thin layers do no harm here."
+        )
+    options: dict[str, Any] = {"side": side, "model": model or MODEL}
+    options |= {"scattering": scattering, "incidence": incidence}
+    found = list(bands(table, NODES, **options))
     if variances is None:
-        variances = _spread(sampled, s, high, terms)
-    variances = variances.to(sampled)
+        variances = _spread(found, terms)
+    variances = variances.to(found[0].sampled)
     if fit == "optimise":
-        variances = _optimised(variances, sampled, s, ds)
-    return GaussianSum(variances, projector(variances, s, ds) @ sampled)
+        variances = _optimised(variances, found)
+    weights = [projector(variances, band.s, band.ds) @ band.sampled for band in found]
+    return GaussianSum(variances, gathered(found, weights, table))
 
 
 def fit_error(
     fitted: GaussianSum,
     material: Material,
     *,
-    model: str = "layered-sp3",
+    model: str = MODEL,
     incidence: Incidence = "diffuse",
     highest: float | None = None,
 ) -> Float[Tensor, "*B C"]:
-    """√∫ r (R - fit)² dr / √∫ r R² dr, up to `highest` [1/mm], 20 / mean free path unless told."""
+    """√∫ r (R - fit)² dr / √∫ r R² dr, up to `highest` [1/mm]; unless told, 20 / mean free path.
+
+    The mean free path is what light finds first in the row's layers, so that clear, black and absent ones do
+    not count. What is finer than its twentieth is not looked at.
+    """
     table = as_table(material, torch.float64)
-    s, ds = graded(200, highest or 20 / _mean_free_path(table), grading=7.0)
-    flat = flat_profile(table, s, side="reflectance", model=model, incidence=incidence)
-    return radial_error(fitted, unflattened(flat, table), s, ds)
+    options: dict[str, Any] = {"side": "reflectance", "model": model, "incidence": incidence}
+    found = list(bands(table, NODES_CHECKED, highest=highest, **options))
+    weights = fitted.weights.expand(*table.batch, *fitted.weights.shape[-2:])
+    weights = weights.reshape(-1, *fitted.weights.shape[-2:])
+    wrong = []
+    for band in found:
+        sums = GaussianSum(fitted.variances, weights[band.rows])
+        wrong.append(radial_error(sums, band.sampled[:, :-1], band.s, band.ds))
+    return gathered(found, wrong, table)
 
 
-def _mean_free_path(table: LayerTable) -> float:
-    """The shortest one of the first layer [mm]."""
-    reduced = table.sigma_s[..., 0, :] * (1 - table.g[..., 0, :])
-    return 1 / max(float((table.sigma_a[..., 0, :] + reduced).detach().max()), 1e-6)
+def _spread(found: list[Band], terms: int) -> Float[Tensor, " K"]:
+    """Variances from what the highest frequency resolves to where the profile has lost a tenth.
 
-
-def _spread(sampled: Tensor, s: Tensor, high: float, terms: int) -> Float[Tensor, " K"]:
-    """Variances from what the highest frequency resolves to where the profile has lost a tenth."""
+    They divide evenly what the rows of which light comes back ask for, on a logarithmic axis: scales that no
+    row has get none, and a few extreme rows get few.
+    """
     if terms < 1:
         raise DomainError(f"fit_gaussians: expected at least one term, got {terms}; 4 to 8 serve well.")
-    lost = sampled[..., :-1, :] < 0.9 * sampled[..., -1:, :]
-    first = s[lost.flatten(0, -3).any(0).any(-1) if sampled.ndim > 2 else lost.any(-1)]
-    widest = 3.0 / float(first.min() if first.numel() else s[-1]) ** 2
-    narrowest = (1 / high) ** 2
-    if terms == 1:
-        return s.new_tensor([(narrowest * widest) ** 0.5])
-    return torch.logspace(
-        torch.tensor(narrowest).log10().item(),
-        torch.tensor(widest).log10().item(),
-        terms,
-        dtype=torch.float64,
-    )
+    narrowest, widest = [], []
+    for band in found:
+        sampled, s = band.sampled.detach(), band.s
+        lost = (sampled[:, :-1] < LOST * sampled[:, -1:]).any(-1)
+        first = torch.where(lost, s, s[-1]).amin(-1)
+        some = (sampled[:, -1] > 0).any(-1)
+        some = some if bool(some.any()) else torch.ones_like(some)
+        widest.append((3.0 / first[some] ** 2).log())
+        narrowest.append(torch.full_like(widest[-1], -2 * float(s[-1].log())))
+    low, high = torch.cat(narrowest), torch.cat(widest)
+    edges, order = torch.cat([low, high]).sort()
+    share = 1 / (high - low)
+    density = torch.cat([share, -share])[order].cumsum(0).clamp_min(0)
+    mass = torch.cat([low.new_zeros(1), (density[:-1] * edges.diff()).cumsum(0)])
+    wanted = np.linspace(0, 1, terms) if terms > 1 else np.array([0.5])
+    return torch.from_numpy(np.exp(np.interp(wanted * float(mass[-1]), mass.numpy(), edges.numpy())))
 
 
-def _optimised(start: Tensor, sampled: Tensor, s: Tensor, ds: Tensor) -> Tensor:
-    """Variances that minimise the radial error, the weights following by projection at every step."""
-    weight = (s * ds)[:, None]
-    sampled = sampled.detach()
-    size = (weight * sampled[..., :-1, :] ** 2).sum()
+def _optimised(start: Tensor, found: list[Band]) -> Tensor:
+    """Variances of the least radial error, as a mean square; the weights follow by projection."""
+    found = [band._replace(sampled=band.sampled.detach()) for band in found]
+    count = sum(int((band.energy(band.sampled[:, :-1]) > 0).sum()) for band in found)
+    if count == 0:
+        return start
     logarithm = start.detach().clamp_min(1e-8).log().requires_grad_()
     search = torch.optim.LBFGS([logarithm], max_iter=STEPS, line_search_fn="strong_wolfe")
 
     def step() -> Tensor:
         search.zero_grad()
         v = logarithm.exp()
-        fitted = GaussianSum(v, projector(v, s, ds) @ sampled)
-        error = (weight * (fitted.hankel(s) - sampled[..., :-1, :]) ** 2).sum() / size
-        error.backward()
-        return error
+        error = torch.zeros((), dtype=v.dtype)
+        for band in found:
+            fitted = GaussianSum(v, projector(v, band.s, band.ds) @ band.sampled)
+            wrong = band.energy(fitted.hankel(band.s) - band.sampled[:, :-1])
+            right = band.energy(band.sampled[:, :-1])
+            some = right > 0
+            error = error + (wrong[some] / right[some]).sum() / count
+        # the optimiser's tolerances are absolute: in the logarithm they are relative
+        loss = torch.log(error + 1e-20)
+        loss.backward()
+        return loss
 
     search.step(step)
     return logarithm.detach().exp().sort().values
