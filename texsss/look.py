@@ -6,7 +6,9 @@ from typing import Any
 
 import torch
 
+from texsss.light.beneath import leaving
 from texsss.light.emitters import Light
+from texsss.light.sites import dot
 from texsss.light.visibility import Occluder
 from texsss.media.stack import Stack
 from texsss.methods import MarchSpec
@@ -14,6 +16,7 @@ from texsss.numerics.sampling import Texture
 from texsss.profiles.angular import Angular
 from texsss.resolve import Images
 from texsss.specs import SurfaceSpec
+from texsss.surface.curvature import curvature_at, shape_operators
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
@@ -88,12 +91,14 @@ def shower(
     single: Callable[[Hits], Tensor] | None = None,
     by_angle: Angular | None = None,
     beside: Float[Tensor, "H W 3"] | None = None,
+    bent: Callable[[Sight], Tensor] | None = None,
 ) -> Callable[[Sight], Tensor]:
     """The function from what is seen to radiance (P, 3) [W/(m² sr)], scattered light included.
 
     `exitance` [W/m²]: an image over the atlas, or a function of hits, before the albedo that applies after
     diffusion. `single`: radiance of light scattered once at hits, to be added. `by_angle`: how all other
     leaves; evenly when None. `beside`: an image of what leaves by its second mode [W/m²].
+    `bent`: how much more leaves as the surface curves.
     """
     shown = Texture.of(exitance) if isinstance(exitance, Tensor) else exitance
     near = None if beside is None else Texture.of(beside)
@@ -103,12 +108,26 @@ def shower(
         scattered = shown.at(hits.points.uv(atlas_uv)) if isinstance(shown, Texture) else shown(hits)
         if by_angle is not None:
             scattered = scattered * by_angle.at(seen.cosine)
+            if bent is not None:
+                scattered = scattered * bent(seen)
             if near is not None:
                 scattered = scattered + near.at(hits.points.uv(atlas_uv)) * by_angle.beside_at(seen.cosine)
         radiance = scattered * seen.gain + seen.gloss
         return radiance if single is None else radiance + single(hits)
 
     return show
+
+
+def bent_away(mesh: Mesh, free: Float[Tensor, " C"]) -> Callable[[Sight], Tensor]:
+    """The function from what is seen to how much more leaves as the surface curves, see `leaving`."""
+    operators = shape_operators(mesh)
+
+    def bent(seen: Sight) -> Tensor:
+        points, view = seen.hits.points, seen.hits.view
+        curvature = curvature_at(points, mesh, operators)
+        return leaving(dot(points.normal(mesh), view), view, points.normal(mesh), curvature, free)
+
+    return bent
 
 
 def scattered_once(

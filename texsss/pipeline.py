@@ -16,7 +16,7 @@ from texsss.cache import Kept
 from texsss.diffusing import Diffusing
 from texsss.light.enclosed import enclosed
 from texsss.light.thickness import far_side
-from texsss.look import averaged, scattered_once, seer, share_of, shower, tinted
+from texsss.look import averaged, bent_away, scattered_once, seer, share_of, shower, tinted
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
@@ -197,7 +197,8 @@ class Run(Diffusing):
             single = once if once is None or tint is None else tinted(once, tint, mesh)
             angles = None if how_leaves is None else how_leaves.value
             near = None if beside is None else self.texels.value.to_image(beside.value)
-            show = shower(scattered(), atlas.uv, single, angles, near)
+            bent = None if angles is None or eta != 1 else bent_away(mesh, angles.free)
+            show = shower(scattered(), atlas.uv, single, angles, near, bent)
             width, height = scene.camera.resolution
             known = self.sights.value if width * height <= SIGHTS_KEPT else None
             return picture(

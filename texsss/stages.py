@@ -26,7 +26,7 @@ STAGE_VERSIONS = {
     "samples": 1,
     "octree": 3,
     "weights": 4,
-    "angular": 2,
+    "angular": 3,
     "exchange": 1,
     "echo": 1,
     "exitance": 1,
@@ -34,7 +34,7 @@ STAGE_VERSIONS = {
     "planes": 2,
     "camera": 1,
     "sights": 4,
-    "picture": 7,
+    "picture": 8,
 }
 """Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
 

@@ -46,7 +46,7 @@ def test_a_torus_curves_as_its_ring_and_its_tube_do():
     tilt = (normal * out).sum(1)
     sizes = 1 / tube, (tilt / (ring + tube * tilt))[:, None, None]
     expected = sum(k * t[:, :, None] * t[:, None] for k, t in zip(sizes, (around, along), strict=True))
-    torch.testing.assert_close(found, expected, rtol=0, atol=0.01)  # measured MEASURED
+    torch.testing.assert_close(found, expected, rtol=0, atol=0.01)
 
 
 def test_faces_without_extent_do_not_curve():

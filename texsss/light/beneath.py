@@ -10,6 +10,8 @@ NODES = 8  # of the way to the first scattering
 BEYOND = -0.5  # least cosine at which light that entered elsewhere still arrives
 FARTHEST = 5.0  # free ways: light that enters so far off does not arrive
 DEPTH = 0.5  # free ways: beneath a point beyond the terminator, where what arrives is looked for
+BENT = 0.35  # of a free way: more than that no first order tells
+MILNE = 0.71  # free ways outside of a surface where the light within would end
 MOST = 2.0  # times as much as a plane that faces the light: folds sharper than light goes deep
 STEEPEST = 0.98  # of (way × curvature × sine)²: what goes on beyond misses the circle
 
@@ -59,6 +61,31 @@ def arriving(
     if eta != 1:  # what enters does so through less of the beam within
         total = total * (outside.clamp_min(0) / cosine.abs().clamp_min(1e-6))[:, None]
     return total.clamp_max(MOST)
+
+
+def leaving(
+    cosine: Float[Tensor, " R"],
+    view: Float[Tensor, "R 3"],
+    normal: Float[Tensor, "R 3"],
+    curvature: Float[Tensor, "R 3 3"],
+    free: Float[Tensor, " C"],
+) -> Float[Tensor, "R C"]:
+    """How much light leaves towards `view` (unit), per what leaves a plane that sends out as much in all.
+
+    Light grows with depth from outside of the surface, as .71 + z / free, and what leaves left at depth z(s)
+    after the way s: μ s - k (1 - μ²) s² / 2. A convex part is seen less deep at grazing angles, which leaves
+    more for steep ones. To first order in free × curvature; `cosine`, `curvature` and `free` as in
+    `arriving`, without refraction.
+    """
+    along = view - cosine[:, None] * normal
+    bend = (along[:, None] @ curvature @ along[..., None])[:, 0]
+    mean = curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[:, None] / 2
+    free = free.to(bend)
+    flat = (MILNE + cosine.clamp_min(0))[:, None]
+    seen = 1 - (bend * free).clamp(-BENT, BENT) / flat
+    # the same, integrated over all directions by 2 μ dμ
+    sent = 1 - (mean * free / 2).clamp(-BENT, BENT) / (MILNE + 2 / 3)
+    return seen / sent
 
 
 def enters_freely(
