@@ -2,7 +2,8 @@
 
 Every pole becomes four Gaussians; every Gaussian is split between the two nearest of {v, 2v, …, 50v}.
 Convolution of two profiles is then a product of polynomials, and the bounces between layers a series
-of them. Terms beyond the cap gather in the last one, so that weight is kept.
+of them. Terms beyond the cap gather in the last one, so that weight is kept; so does what a finite number
+of poles and bounces leaves out, without which layers that absorb little made light of nothing.
 Source: Mayorga 2008, A Combined Approach to Subsurface Scattering; poles by d'Eon et al. 2007. The paper
 leaves the pole's unit of variance open: v0 = z² / (1 + x), x = sigma_tr |z|, found numerically, is within
 1.2 % at x = 1 and 2.2 % at 4.
@@ -16,7 +17,9 @@ from texsss.errors import DomainError
 from texsss.media.stack import LayerTable
 from texsss.profiles.dipole import egan_A
 from texsss.profiles.gaussians import GaussianSum
-from texsss.profiles.multipole import PAIRS, neighbours, poles_of
+from texsss.profiles.hankel import unflattened
+from texsss.profiles.multipole import PAIRS, neighbours, poles_of, slab_profile
+from texsss.profiles.slab import layers_of
 from texsss.types import Float, Tensor
 
 STEP = 0.05  # v [mm²]
@@ -25,6 +28,8 @@ CAP = 100  # of a product
 NINE = (0.05, 0.10, 0.15, 0.20, 1.0, 2.0, 5.0, 10.0, 50.0)  # what is evaluated in the end [mm²]
 UNITS = (0.2304, 0.7225, 2.6569, 13.6)  # variances of a pole over v0
 NEGLIGIBLE = 1e-4  # bounces are summed until so little weight remains
+BOUNCES = 32  # ... or so many are: the rest of the geometric series is as wide as the grid
+WITHIN = 1 - 1e-6  # of a layer: depth of the source in one that is thinner than its mean free path
 
 
 def grid_gaussians(
@@ -108,25 +113,35 @@ def multiply(a: Float[Tensor, "*B G C"], b: Float[Tensor, "*B G C"]) -> Float[Te
 
 
 def _layer(table: LayerTable, kept: list[int], k: int, pairs: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """R+, T+, R-, T- of one layer on the grid, (..., CAP, C) each."""
+    """R+, T+, R-, T- of one layer on the grid, (..., CAP, C) each; their totals are those of all poles."""
     place = kept.index(k)
     above, below = neighbours(tuple(table.eta[i] for i in kept), place)
+    whole = slab_profile(layers_of(table)[k], table.sigma_a.new_zeros(1), above, below, None)
+    totals = [unflattened(total, table)[..., 0, :] for total in whole]
     sigma_a, d = table.sigma_a[..., k, :], table.thickness[..., k, :]
     sigma_s = table.sigma_s[..., k, :] * (1 - table.g[..., k, :])
     sigma = (sigma_a + sigma_s).clamp_min(1e-6)
     l, sigma_tr = 1 / sigma, torch.sqrt(3 * sigma_a * sigma + 1e-24)
     z_b0, z_bd = 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
+    albedo = sigma_s * l
     if table.bottomless and k == len(table.eta) - 1:
         poles = [(l, 1.0), (-l - 2 * z_b0, -1.0)]
-        R = _on_grid(poles, sigma_s * l, sigma_tr)
+        R = _on_grid(poles, albedo, sigma_tr, totals[0])
         return R, torch.zeros_like(R), torch.zeros_like(R), torch.zeros_like(R)
-    plus, minus = poles_of(l, d, z_b0, z_bd, pairs), poles_of(l, d, z_bd, z_b0, pairs)
+    # of a thin layer only a share is scattered, at its bottom; the beam passes as the narrowest term
+    share, source = (d * sigma).clamp_max(1), torch.minimum(l, d * WITHIN)
+    plus, minus = poles_of(source, d, z_b0, z_bd, pairs), poles_of(source, d, z_bd, z_b0, pairs)
     sides = (plus.reflected, plus.transmitted, minus.reflected, minus.transmitted)
-    R_plus, T_plus, R_minus, T_minus = (_on_grid(side, sigma_s * l, sigma_tr) for side in sides)
-    return R_plus, T_plus, R_minus, T_minus
+    terms = [
+        _on_grid(poles, albedo * share, sigma_tr, total - (1 - share) * passes)
+        for poles, total, passes in zip(sides, totals, (0, 1, 0, 1), strict=True)
+    ]
+    beam = torch.nn.functional.pad((1 - share)[..., None, :], (0, 0, 0, CAP - 1))
+    return terms[0], terms[1] + beam, terms[2], terms[3] + beam
 
 
-def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor) -> Tensor:
+def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor, total: Tensor) -> Tensor:
+    """Poles as Gaussians; those that are missing for `total` (..., C) are as wide as the widest term."""
     variances, weights = [], []
     for z, sign in poles:
         x = sigma_tr * z.abs()
@@ -135,18 +150,30 @@ def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor
         for unit, C in zip(UNITS, pole_weights(x), strict=True):
             variances.append(unit * v0)
             weights.append(C * power)
+    stacked = torch.stack(weights, -2)
     grid = STEP * torch.arange(1, TERMS + 1).to(albedo)
-    terms = split(torch.stack(variances, -2), torch.stack(weights, -2), grid)
-    return torch.nn.functional.pad(terms, (0, 0, 0, CAP - TERMS))
+    terms = split(torch.stack(variances, -2), stacked, grid)
+    missing = (total - stacked.sum(-2))[..., None, :]
+    return torch.nn.functional.pad(terms, (0, 0, 0, CAP - TERMS)) + torch.nn.functional.pad(
+        missing, (0, 0, TERMS - 1, CAP - TERMS)
+    )
 
 
 def _over(upper, lower) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """One slab on another; the series 1 + R2 R1 + (R2 R1)² + … is cut by the weight that remains."""
+    """One slab on another; the series 1 + R2 R1 + (R2 R1)² + … is cut by the weight that remains, or counted.
+
+    What a cut after BOUNCES leaves out is a geometric series in the weights, in the last term.
+    """
     once = multiply(lower[0], upper[2])
     series, power = once, once
-    while float(power.sum(-2).abs().max()) > NEGLIGIBLE:
+    for _ in range(BOUNCES):
+        if float(power.sum(-2).abs().max()) <= NEGLIGIBLE:
+            break
         power = multiply(power, once)
         series = series + power
+    ratio = once.sum(-2, keepdim=True).clamp(max=WITHIN)
+    rest = power.sum(-2, keepdim=True) * ratio / (1 - ratio)
+    series = series + torch.nn.functional.pad(rest, (0, 0, CAP - 1, 0))
 
     def bounced(x: Tensor) -> Tensor:
         return x + multiply(x, series)

@@ -58,7 +58,7 @@ def stacked(table: LayerTable, s: Float[Tensor, " S"], pairs: int | None = None)
     whole: Slab | None = None
     for k in reversed(range(len(layers))):
         above, below = neighbours(table.eta, k)
-        slab = _slab(layers[k], s, above, below, pairs)
+        slab = slab_profile(layers[k], s, above, below, pairs)
         whole = slab if whole is None else slab.over(whole)
     assert whole is not None
     return whole
@@ -100,7 +100,8 @@ def _lengths(layer: Coefficients, above: float, below: float) -> tuple[Tensor, T
     return l, 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
 
 
-def _slab(layer: Coefficients, s: Tensor, above: float, below: float, pairs: int | None) -> Slab:
+def slab_profile(layer: Coefficients, s: Tensor, above: float, below: float, pairs: int | None) -> Slab:
+    """Hankel profiles of one layer between media over whose index its own is `above` and `below`."""
     l, z_b0, z_bd = _lengths(layer, above, below)
     albedo = layer.sigma_s * l
     kappa = torch.sqrt(3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY)
