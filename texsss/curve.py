@@ -10,6 +10,7 @@ from texsss.media.stack import Stack
 from texsss.pipeline import Run
 from texsss.profiles.fit import fit_error, fit_gaussians
 from texsss.profiles.known import Known, known
+from texsss.profiles.radial import RadialProfile
 from texsss.types import Float, Tensor, check_cancelled
 
 RADII = 96
@@ -19,8 +20,10 @@ SHARES = (0.5, 0.9, 0.99)
 def curve(run: Run) -> dict:
     """R(r) of the material's layers [1/mm²], its Gaussians and its lengths, as plain values per channel.
 
-    Maps count by their mean. `radius_mm`: within which a share of the light comes back; mean free path
-    and diffusion length [mm] of the outermost layer; `fit_error`: of the Gaussians, radially weighted;
+    Maps count by their mean. `reflectance_per_mm2` and `radius_mm`, within which a share of the light comes
+    back, are the profile's own, by the inverse Hankel transform. `gaussians`: a sum at the profile's scales,
+    with what it makes of R(r), and `fit_error` how far it is off, radially weighted. Mean free path and
+    diffusion length [mm] are of the outermost layer;
     `monte_carlo`: what photons say, for media where they were asked, else None.
     Raises DomainError: when a medium is unknown.
     """
@@ -29,18 +32,24 @@ def curve(run: Run) -> dict:
     stack = resolve.stack(scene, means)
     options: dict[str, Any] = {"model": methods.profile, "incidence": methods.incidence}
     check_cancelled(run.cancel)
+    profile = RadialProfile(stack, **options)
+    radii = {f"{share:g}": profile.radius(share) for share in SHARES}
+    check_cancelled(run.cancel)
     fitted = fit_gaussians(stack, terms=methods.terms, **options)
     check_cancelled(run.cancel)
-    radius = fitted.radius(SHARES[-1]).reshape(-1, fitted.weights.shape[-1])[0]
-    farthest = float(radius.max().clamp_min(1e-3))
+    farthest = float(radii[f"{SHARES[-1]:g}"].max().clamp_min(1e-3))
     r = torch.linspace(0, 1, RADII + 1, dtype=torch.float64)[1:] ** 2 * farthest  # dense where it is steep
     medium = stack.layers[0].medium
     return {
         "r_mm": r.tolist(),
-        "reflectance_per_mm2": _rows(fitted.evaluate(r)),
+        "reflectance_per_mm2": profile.evaluate(r).tolist(),
         "total": _row(fitted.total),
-        "gaussians": {"variances_mm2": fitted.variances.tolist(), "weights": _rows(fitted.weights)},
-        "radius_mm": {f"{share:g}": _row(fitted.radius(share)) for share in SHARES},
+        "gaussians": {
+            "variances_mm2": fitted.variances.tolist(),
+            "weights": _rows(fitted.weights),
+            "reflectance_per_mm2": _rows(fitted.evaluate(r)),
+        },
+        "radius_mm": {share: radius.tolist() for share, radius in radii.items()},
         "mean_free_path_mm": _finite(medium.mean_free_path),
         "diffusion_length_mm": _finite(medium.diffusion_length),
         "fit_error": _row(fit_error(fitted, stack, **options)),

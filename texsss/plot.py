@@ -14,7 +14,8 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
     """Draws the result of `texsss.curve` into a PNG or SVG file.
 
     Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 % of the light has come back.
-    Dots are what photons say, where they were asked; other models (`against`) are thin lines.
+    Dots are what photons say, where they were asked; other models (`against`) are thin broken lines, and
+    pale ones the sum of Gaussians.
     """
     from matplotlib.figure import Figure  # slow to import
 
@@ -28,12 +29,16 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
         label = f"{name}: total {found['total'][k]:.3f}, 99 % within {radius:.3g} mm"
         axes.semilogy(found["r_mm"], positive, color=colour, linewidth=2, label=label)
         axes.axvline(radius, ymax=0.04, color=colour, linewidth=2)
+        sums = [row[k] if row[k] > 0 else float("nan") for row in found["gaussians"]["reflectance_per_mm2"]]
+        axes.semilogy(found["r_mm"], sums, color=colour, linewidth=1, alpha=0.5)
         rings = found["monte_carlo"][k] if k < len(found["monte_carlo"]) else None
         if rings is not None:
             axes.plot(rings["r_mm"], rings["reflectance_per_mm2"], "o", color=colour, markersize=3)
         for other, style in zip(against, cycle(STYLES)):
             values = [row[k] if row[k] > 0 else float("nan") for row in other["reflectance_per_mm2"]]
             axes.plot(other["r_mm"], values, style, color=colour, linewidth=1)
+    terms = len(found["gaussians"]["variances_mm2"])
+    axes.plot([], [], color="#444444", linewidth=1, alpha=0.5, label=f"sum of {terms} Gaussians")
     for other, style in zip(against, cycle(STYLES)):
         axes.plot([], [], style, color="#444444", linewidth=1, label=other["methods"]["profile"])
     if any(rings is not None for rings in found["monte_carlo"]):
@@ -41,7 +46,8 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
     axes.set_title(title, parse_math=False)
     axes.set(xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
     axes.set_xlim(0, max(found["r_mm"]))
-    axes.set_ylim(bottom=1e-6 * max(max(values) for values in channels))  # Gaussians say nothing below
+    last = [values[-1] for values in channels if values[-1] > 0]
+    axes.set_ylim(bottom=0.3 * min(last) if last else None)  # Gaussians fall below all that matters
     axes.grid(True, which="major", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)

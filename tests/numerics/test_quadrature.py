@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from texsss.errors import DomainError
 from texsss.numerics.exponentials import relexp, relmin
-from texsss.numerics.hankel import inverse_hankel
+from texsss.numerics.hankel import inverse_hankel, within
 from texsss.numerics.quadrature import gauss_legendre, gauss_weighted, graded
 
 
@@ -63,3 +64,31 @@ def test_inverse_hankel_of_known_pairs():
     # 1/s decays so slowly that the integral converges by cancellation only
     slow = inverse_hankel(lambda s: 1 / torch.sqrt(1 + s[:, None] ** 2), r)[:, 0]
     torch.testing.assert_close(slow, torch.exp(-r) / (2 * torch.pi * r), rtol=1e-5, atol=1e-7)
+
+
+def test_inverse_hankel_far_out_and_near():
+    """Of e^-s, 1 / 2π(1 + r²)^(3/2), and of e^-s²/2 to 1e-13 / 2πr²."""
+    r = torch.tensor([1e-9, 1e-6, 1e-3, 1.0, 30.0, 1000.0], dtype=torch.float64)
+    exact = 1 / (2 * torch.pi * (1 + r**2) ** 1.5)
+    torch.testing.assert_close(
+        inverse_hankel(lambda s: torch.exp(-s)[:, None], r)[:, 0], exact, rtol=1e-9, atol=0
+    )
+    gaussian = inverse_hankel(lambda s: torch.exp(-(s**2) / 2)[:, None], r)[:, 0]
+    wrong = (gaussian - torch.exp(-(r**2) / 2) / (2 * torch.pi)).abs()
+    assert bool((wrong * 2 * torch.pi * r**2 < 1e-12).all())
+
+
+def test_light_within_a_distance():
+    r = torch.tensor([1e-6, 0.1, 1.0, 4.0, 50.0], dtype=torch.float64)
+    inside = within(lambda s: torch.rsqrt(1 + s[:, None] ** 2), r)[:, 0]
+    torch.testing.assert_close(inside, -torch.expm1(-r), rtol=1e-12, atol=1e-13)
+
+
+def test_distances_are_looked_at():
+    spectrum = lambda s: torch.exp(-s)[:, None]  # noqa: E731
+    whole = inverse_hankel(spectrum, torch.tensor([1, 3]))
+    torch.testing.assert_close(whole, inverse_hankel(spectrum, torch.tensor([1.0, 3.0]).double()))
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        for transform in (inverse_hankel, within):
+            with pytest.raises(DomainError, match="distances > 0"):
+                transform(spectrum, torch.tensor([1.0, wrong]))

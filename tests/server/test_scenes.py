@@ -139,6 +139,9 @@ def test_profile_in_units(client, small):
     # the curve ends where 1 % of the widest channel is left; measured 0.990, 1.000, 1.000
     np.testing.assert_allclose(total, found["total"], rtol=0.02)
     assert found["mean_free_path_mm"][0] == pytest.approx(1 / (0.032 + 0.74))
+    # the profile's own, beside what eight Gaussians make of it: 13.2, 7.22, 4.02 mm
+    assert found["radius_mm"]["0.99"] == pytest.approx([14.63, 7.14, 3.95], rel=0.01)
+    assert np.array(found["gaussians"]["reflectance_per_mm2"]).shape == value.shape
 
 
 def test_inspect_gives_advice(client, small):

@@ -149,9 +149,10 @@ export interface Preset {
 /** What POST /v1/profile answers. */
 export interface Profile {
   r_mm: number[];
+  /** The profile itself; of its sum of Gaussians, see there. */
   reflectance_per_mm2: number[][];
   total: number[];
-  gaussians: { variances_mm2: number[]; weights: number[][] };
+  gaussians: { variances_mm2: number[]; weights: number[][]; reflectance_per_mm2: number[][] };
   radius_mm: Record<string, number[]>;
   mean_free_path_mm: (number | null)[];
   diffusion_length_mm: (number | null)[];
