@@ -1,4 +1,4 @@
-// The sum of Gaussians that stands for the profile, in numbers.
+// The sum of Gaussians that comes near the profile, in numbers.
 
 import { h, plain } from "../dom";
 import type { Profile } from "../types";
@@ -11,7 +11,7 @@ export class GaussiansTable {
     "details",
     { class: "gaussians" },
     h("summary", null, "The Gaussians of its sum"),
-    h("p", { class: "note" }, "R(r) is the sum of weight × exp(−r²/2v) / 2πv. The weights sum up to the light that comes back."),
+    h("p", { class: "note" }, "The sum of weight × exp(−r²/2v) / 2πv comes near R(r), by the error of the fit. The weights sum up to the light that comes back."),
     this.table,
   );
 
