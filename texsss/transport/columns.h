@@ -219,7 +219,8 @@ static void laid(const Groups& groups, bool written, int64_t first, int64_t last
     if (groups.count == 4) return coloured<4>(groups, first, last, work);
     if (groups.count == 5) return coloured<5>(groups, first, last, work);
   }
-  const bool whole = groups.count == 1 && groups.step == 1 && !groups.rim.start && (each == 1 || each == 4 || each == 8 || each % 16 == 0);
+  const bool one = groups.count == 1 && groups.step == 1 && !groups.rim.start;
+  const bool whole = one && (each == 1 || each == 4 || each == 8 || each % 16 == 0);
   blocks(groups.count * each, [&](auto width, int64_t c) {
     constexpr int W = decltype(width)::value;
     if (whole)

@@ -177,7 +177,8 @@ bool spread(int64_t points, const int64_t* key, const int32_t* order, const floa
 // Per row that is `asked` for: the sum of weights, and of weights times squared distances, over the pairs that
 // `reach` keeps
 bool moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int32_t* column, const float* squared,
-             const float* widest, float reach, const float* sharpness, const float* area, float* sum, float* moment, int64_t threads) {
+             const float* widest, float reach, const float* sharpness, const float* area, float* sum, float* moment,
+             int64_t threads) {
   return parallel(rows, threads, [=](int64_t first, int64_t last) {
     std::vector<float> weight;
     for (int64_t i = first; i < last; i++) {
