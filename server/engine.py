@@ -11,7 +11,7 @@ from texsss_server.turn import Turn
 from texsss.baker import Baker, lasting_shelf
 from texsss.curve import presets
 from texsss.scene import Scene
-from texsss.specs import OutputSpec
+from texsss.shots import OutputSpec
 
 LIGHT = ("picture", "irradiance", "diffused", "exitance", "radiance", "single", "albedo", "gaussian")
 """Images that are exposed and tone mapped to be seen; all others are data, scaled from least to greatest."""

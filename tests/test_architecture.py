@@ -30,11 +30,12 @@ MAY_IMPORT = {
     "cache": {"errors", "types", "shelf"},
     "specs": {"errors", "types"},
     "methods": {"specs"},
+    "shots": {"specs"},
     "complaints": {"specs"},
-    "scene": {"errors", "types", "specs", "methods", "complaints"},
+    "scene": {"errors", "types", "specs", "shots", "methods", "complaints"},
     "gallery": {"errors", "scene"},
     "resolve": ROOMS | {"scene", "specs"},
-    "placing": ROOMS | {"scene", "specs", "resolve"},
+    "placing": ROOMS | {"scene", "specs", "shots", "resolve"},
     "look": ROOMS | {"specs", "methods", "resolve"},
     "report": ROOMS | {"scene"},
     "result": ROOMS | {"scene", "report"},
@@ -73,7 +74,7 @@ MAY_IMPORT = {
 SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
     *("ahead", "complaints"),
-    *("baker", "scene", "specs", "types", "errors", "result", "io", "cache", "curve"),
+    *("baker", "scene", "specs", "shots", "types", "errors", "result", "io", "cache", "curve"),
     "gallery",
 }
 

@@ -6,10 +6,12 @@ from typing import Any
 
 import torch
 
+from texsss.errors import ShapeError
 from texsss.light.beneath import leaving
 from texsss.light.emitters import Light
 from texsss.light.sites import dot
 from texsss.light.visibility import Occluder
+from texsss.media.phase import schlick_k
 from texsss.media.stack import Stack
 from texsss.methods import MarchSpec
 from texsss.numerics.sampling import Texture
@@ -20,7 +22,8 @@ from texsss.surface.curvature import curvature_at, shape_operators
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
-from texsss.transport.march.interior import from_stack
+from texsss.transport.march.gatherer import Phase
+from texsss.transport.march.interior import Interior, from_stack
 from texsss.transport.march.march import March
 from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import Planes
@@ -141,6 +144,8 @@ def scattered_once(
     scale: Float[Tensor, "H W 3"] | None,
     thickness: Float[Tensor, "H W 1"] | None = None,
     how: MarchSpec,
+    grain: Float[Tensor, "H W C"] | None = None,
+    phase: Phase = "henyey-greenstein",
     pixels: int,
     samples: int,
     seed: int,
@@ -150,17 +155,32 @@ def scattered_once(
 
     `bumps`: shading normals at points where they are not those of the mesh. `scale`: an image over the atlas
     that multiplies it, where profiles are normalised. `thickness`: of the object [mm], an image alike, where
-    the profiles end with it. `pixels`: of the picture; all its rays are marched by the loop in C++ if that
-    is worth building. `options`: the method and occluder of `March`, and how often it samples lights. Every
-    ray of a pixel draws numbers of its own from `seed`.
+    the profiles end with it. `grain`: the map of its noise. `phase`: of the media's mean cosines. `pixels`:
+    of the picture; all its rays are marched by the loop in C++ if that is worth building. `options`: the
+    method and occluder of `March`, and how often it samples lights. Every ray of a pixel draws numbers of
+    its own from `seed`.
     """
     interior = from_stack(stack)
     if how.deepest_mm is not None:
-        interior = replace(interior, depth=interior.depth.clamp(max=how.deepest_mm))
-    noise = Noise(uv=how.noise_uv, start=how.noise) if how.noise or how.noise_uv else None
+        interior = replace(interior, depth=torch.minimum(interior.depth, _deepest(how, interior)))
+    if phase == "schlick":
+        interior = replace(interior, g=schlick_k(interior.g))
+    noise = None
+    if how.noise or how.noise_uv:
+        noise = Noise(uv=how.noise_uv, start=how.noise, texture=None if grain is None else grain.mean(-1))
     lasting = None if scale is None else Texture.of(scale)
     thick = None if thickness is None else Texture.of(thickness)
-    march = March(mesh, planes, interior, lights, uv=mesh.source_uv, noise=noise, samples=samples, **options)
+    march = March(
+        mesh,
+        planes,
+        interior,
+        lights,
+        uv=mesh.source_uv,
+        noise=noise,
+        samples=samples,
+        phase=phase,
+        **options,
+    )
     worth = pixels * samples * len(lights) >= WORTH_COMPILING
 
     def once(hits: Hits) -> Tensor:
@@ -176,6 +196,19 @@ def scattered_once(
         return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
 
     return once
+
+
+def _deepest(how: MarchSpec, interior: Interior) -> Float[Tensor, " B"]:
+    """How deep each boundary may lie [mm]. Raises ShapeError: when they are as many as no boundaries."""
+    wanted, boundaries = how.deepest_mm, interior.depth.shape[-1]
+    if not isinstance(wanted, tuple):
+        return interior.depth.new_tensor(wanted).expand(boundaries)
+    if len(wanted) != boundaries:
+        raise ShapeError(
+            f"methods.march.deepest_mm: expected one number, or one for each of {boundaries} "
+            f"boundaries, got {len(wanted)}; add or drop some."
+        )
+    return interior.depth.new_tensor(wanted)
 
 
 def tinted(

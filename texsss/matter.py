@@ -9,6 +9,7 @@ import torch
 
 from texsss import resolve
 from texsss.cache import Kept, content_key
+from texsss.errors import DomainError
 from texsss.ground import Ground
 from texsss.light.thickness import FarSide
 from texsss.look import map_names, painted, share_of
@@ -55,7 +56,7 @@ class Matter(Ground):
         """The layers; not kept itself, but named by everything in it."""
         scene = self.scene
         used = {name: self.image(name) for name in resolve.material_maps(scene)}
-        key = content_key("stack", scene.material.layers, scene.media, used)
+        key = content_key("stack", scene.material.layers, scene.material.depths, scene.media, used)
         return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
 
     @cached_property
@@ -170,6 +171,36 @@ class Matter(Ground):
             return methods.single_scattering
         fits = methods.marches_unasked and marches(self.stack.value)
         return "exact" if fits and self.marched_lights else "none"
+
+    @property
+    def phase(self) -> Literal["henyey-greenstein", "schlick"]:
+        """The phase of all layers that deflect. Raises DomainError: if they differ."""
+        specs = [self.scene.media.get(name) for name in resolve.media_names(self.scene)]
+        shapes = {spec.phase for spec in specs if spec is not None and spec.preset is None and spec.g != 0.0}
+        known = [
+            resolve.medium(self.scene, n, {}) for n in resolve.media_names(self.scene) if self._preset(n)
+        ]
+        if any(bool((one.g != 0).any()) for one in known):
+            shapes.add("henyey-greenstein")
+        if len(shapes) > 1:
+            raise DomainError(
+                "Scene: expected one phase for all layers that are marched, got henyey-greenstein "
+                "and schlick; give all media the same, or g 0, which has one shape."
+            )
+        return "schlick" if "schlick" in shapes else "henyey-greenstein"
+
+    def _preset(self, name: str) -> bool:
+        spec = self.scene.media.get(name)
+        return spec is None or spec.preset is not None
+
+    @property
+    def grain(self) -> Kept | None:
+        """The map that the march's noise comes from."""
+        name = self.scene.methods.march.noise_map
+        if name is None:
+            return None
+        _ = self.source_uv
+        return self.image(name)
 
     @property
     def why_unmarched(self) -> list[str]:

@@ -40,12 +40,24 @@ class MarchSpec(Model):
     """What hides the steps of the march, and how deep its layers go (Norberg 2010).
 
     `noise` shifts the start of uniform steps by up to this share of their distance, `noise_uv` the places
-    where maps are read [uv]. `deepest_mm`: boundaries between layers lie no deeper.
+    where maps are read [uv]; `noise_map` (a name in `maps`) is where the numbers come from, so that noise
+    sticks to the surface, else a seed. `deepest_mm`: boundaries between layers lie no deeper; one number,
+    or one for every boundary, from the outermost.
     """
 
     noise: Annotated[Number, Field(ge=0, le=1)] = 0.0
     noise_uv: Annotated[Number, Field(ge=0, le=1)] = 0.0
-    deepest_mm: Positive | None = None
+    noise_map: str | None = None
+    deepest_mm: Positive | Annotated[tuple[Positive, ...], Field(min_length=1, max_length=64)] | None = None
+
+    @model_validator(mode="after")
+    def _deeper_and_deeper(self) -> "MarchSpec":
+        deepest = self.deepest_mm
+        if isinstance(deepest, tuple) and list(deepest) != sorted(deepest):
+            raise ValueError(
+                f"expected deepest_mm that do not decrease, got {list(deepest)}; boundaries lie in order"
+            )
+        return self
 
 
 class InnerLayerSpec(Model):

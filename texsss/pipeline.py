@@ -118,6 +118,8 @@ class Run(Diffusing):
             method=method,
             samples=methods.march_samples,
             how=methods.march,
+            grain=None if self.grain is None else self.grain.value.clamp(0, 1),
+            phase=self.phase,
             pixels=math.prod(self.scene.camera.resolution),
             occluder=self.occluder.value,
             environment_samples=-(-placing.environment_samples(self.scene) // LOOKS_PER_MARCH),
@@ -212,7 +214,7 @@ class Run(Diffusing):
                 **self.hooks("picture"),
             )
 
-        how = (self.marching, tuple(self.marched_lights), methods.march_samples, methods.march)
+        how = (self.marching, tuple(self.marched_lights), methods.march_samples, methods.march, self.grain)
         marched = None if once is None else (self.planes, how)
         lit = (
             image,

@@ -10,8 +10,8 @@ from texsss.light.emitters import ConstantEnvironment, DirectionalLight, Light, 
 from texsss.light.environment import ImageEnvironment
 from texsss.resolve import Images
 from texsss.scene import Scene
+from texsss.shots import CameraSpec
 from texsss.specs import (
-    CameraSpec,
     DirectionalSpec,
     EnvironmentSpec,
     LightSpec,

@@ -9,17 +9,19 @@ from typing import Any
 
 import torch
 
-from texsss.errors import AssetError, DomainError
+from texsss.errors import AssetError, DomainError, ShapeError
 from texsss.io.files import read_bytes
 from texsss.io.images import MAX_PIXELS, read_image
 from texsss.io.meshes import MeshNotes, read_mesh
 from texsss.io.sandbox import Sandbox
+from texsss.media.depths import stack_from_depths
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
 from texsss.numerics.sampling import resized
 from texsss.scene import Scene
 from texsss.specs import (
+    DepthsSpec,
     MapSpec,
     MapValue,
     MeshSpec,
@@ -116,13 +118,21 @@ def load_map(
 def material_maps(scene: Scene) -> list[str]:
     """Names of the maps that a scene's layers use."""
     return sorted(
-        {name for field, name in scene.map_names() if field.startswith(("material.layers", "media"))}
+        {
+            name
+            for field, name in scene.map_names()
+            if field.startswith(("material.layers", "material.depths", "media"))
+        }
     )
 
 
 def stack(scene: Scene, images: Images) -> Stack:
-    """The layers of a scene's material. Raises DomainError: when a medium's name is unknown."""
-    layers = []
+    """The layers of a scene's material.
+
+    Raises DomainError: when a medium's name is unknown, or depths decrease. Raises ShapeError: when depth
+    textures differ in size, or layers and their channels in number.
+    """
+    matters = []
     for spec in scene.material.layers:
         if isinstance(spec.medium, Mix):
             alike = _of_one_size(spec.medium, scene, images)
@@ -130,8 +140,49 @@ def stack(scene: Scene, images: Images) -> Stack:
             matter = mix(first, second, _grey(alike[spec.medium.mask]))
         else:
             matter = medium(scene, spec.medium, images)
-        layers.append(Layer(matter, _value(spec.thickness_mm, images)))
-    return Stack(layers)
+        matters.append(matter)
+    depths = scene.material.depths
+    if depths is not None:
+        return _stack_of(depths, matters, images)
+    thicknesses = [_value(spec.thickness_mm, images) for spec in scene.material.layers]
+    return Stack([Layer(matter, d) for matter, d in zip(matters, thicknesses, strict=True)])
+
+
+def _stack_of(depths: DepthsSpec, media: list[Medium], images: Images) -> Stack:
+    """The layers that depth textures draw."""
+    textures = [_opaque_dropped(images[name]) for name in depths.maps]
+    channels = sum(texture.shape[-1] for texture in textures)
+    if len(media) - channels not in (0, 1):
+        named = ", ".join(depths.maps)
+        raise ShapeError(
+            f"Material: expected {channels} layers for the {channels} channels of {named}, or one more "
+            f"without end, got {len(media)}; add or drop layers, or read other channels "
+            "(rgba has four, where there is an alpha, rgb three)."
+        )
+    return stack_from_depths(
+        textures,
+        media,
+        depths.range_mm,
+        invert=depths.invert,
+        infinite=len(media) > channels,
+        sort=depths.sort,
+        names=[f"{name} {c}" for name, t in zip(depths.maps, textures) for c in _letters(t.shape[-1])],
+    )
+
+
+def _letters(channels: int) -> str:
+    return "rgba"[:channels] if channels > 1 else "·"
+
+
+def _opaque_dropped(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W D"]:
+    """The image without an alpha that says nothing."""
+    return image[..., :3] if image.shape[-1] == 4 and bool((image[..., 3] == 1).all()) else image
+
+
+def media_names(scene: Scene) -> list[str]:
+    """Names of the media that a scene's layers use."""
+    used = [spec.medium for spec in scene.material.layers]
+    return sorted({n for m in used for n in (m.mix if isinstance(m, Mix) else (m,))})
 
 
 def _of_one_size(spec: Mix, scene: Scene, images: Images) -> Images:

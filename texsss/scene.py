@@ -14,9 +14,9 @@ from pydantic import Field, ValidationError, model_validator
 from texsss.complaints import one_sentence
 from texsss.errors import AssetError, DomainError
 from texsss.methods import MethodsSpec
+from texsss.shots import CameraSpec, OutputSpec
 from texsss.specs import (
     AtlasSpec,
-    CameraSpec,
     Count,
     EnvironmentSpec,
     LightSpec,
@@ -29,7 +29,6 @@ from texsss.specs import (
     MeshSpec,
     Mix,
     Model,
-    OutputSpec,
     StudioSpec,
 )
 
@@ -101,6 +100,11 @@ class Scene(Model, metaclass=_Told):
                 more = ", …" if len(self.maps) > MOST_TOLD else ""
                 listed = f"[{', '.join(map(repr, known))}{more}]" if known else "none"
                 raise ValueError(f"{where}: no map is named {name!r}; maps has {listed}")
+            if self.maps[name].channel == "rgba" and not where.startswith("material.depths"):
+                raise ValueError(
+                    f"{where}: expected a map of colours or of one channel, got {name!r} with channel "
+                    "'rgba'; only material.depths reads all four"
+                )
         return self
 
     def panoramas(self) -> set[str]:
@@ -126,6 +130,11 @@ class Scene(Model, metaclass=_Told):
                 value = getattr(medium, field)
                 if isinstance(value, MapValue):
                     used.append((f"media.{name}.{field}.map", value.map))
+        depths = self.material.depths
+        used += (
+            [] if depths is None else [(f"material.depths.maps.{i}", n) for i, n in enumerate(depths.maps)]
+        )
+        used.append(("methods.march.noise_map", self.methods.march.noise_map))
         parallax = self.methods.parallax
         used.append(("methods.parallax.opacity", parallax.opacity))
         for i, layer in enumerate(parallax.layers):

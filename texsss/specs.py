@@ -92,11 +92,14 @@ class AtlasSpec(Model):
 
 
 class MapSpec(Model):
-    """An image in the author's texture coordinates. `srgb` is decoded; data maps are `linear`."""
+    """An image in the author's texture coordinates. `srgb` is decoded; data maps are `linear`.
+
+    `rgba` is for `material.depths` alone.
+    """
 
     source: SourceField
     space: Literal["srgb", "linear"] = "linear"
-    channel: Literal["rgb", "r", "g", "b", "a", "luminance"] = "rgb"
+    channel: Literal["rgb", "rgba", "r", "g", "b", "a", "luminance"] = "rgb"
 
 
 class MapValue(Model):
@@ -111,22 +114,31 @@ class MapValue(Model):
 
 
 class MediumSpec(Model):
-    """A preset, or coefficients [1/mm]; a map as coefficient varies over the surface."""
+    """A preset, or coefficients [1/mm]; a map as coefficient varies over the surface.
+
+    `g`: mean cosine of scattering. `phase`: the shape around it of light that pictures march; what
+    diffuses knows Henyey and Greenstein's.
+    """
 
     preset: str | None = None
     sigma_a_per_mm: NonNegative | Colour | MapValue | None = None
     sigma_s_per_mm: NonNegative | Colour | MapValue | None = None
     g: Number | Vector = 0.0
     eta: Annotated[Number, Field(ge=1, le=3)] = 1.3
+    phase: Literal["henyey-greenstein", "schlick"] = "henyey-greenstein"
 
     @model_validator(mode="after")
     def _preset_or_coefficients(self) -> "MediumSpec":
         given = [value is not None for value in (self.sigma_a_per_mm, self.sigma_s_per_mm)]
         if any(given) if self.preset is not None else not all(given):
             raise ValueError("expected either preset, or both sigma_a_per_mm and sigma_s_per_mm")
-        if self.preset is not None and (self.g, self.eta) != (0.0, 1.3):
+        if self.preset is not None and (self.g, self.eta, self.phase) != (
+            0.0,
+            1.3,
+            "henyey-greenstein",
+        ):
             raise ValueError(
-                "expected a preset alone, got g or eta beside it; give coefficients to change them"
+                "expected a preset alone, got g, eta or phase beside it; give coefficients to change them"
             )
         _check_range("sigma_a_per_mm", self.sigma_a_per_mm, "1/mm")
         _check_range("sigma_s_per_mm", self.sigma_s_per_mm, "1/mm")
@@ -180,11 +192,50 @@ class SurfaceSpec(Model):
     second_lobe: Unit = 0.0
 
 
+class DepthsSpec(Model):
+    """Depth textures: their channels, in order, are the depths of the layers' lower boundaries.
+
+    `maps`: names of maps, whose channels follow each other; "channel": "rgba" reads four of each (an
+    alpha of 1 everywhere is none). `range_mm`: what 0 and 1 mean [mm], exchanged by `invert`. A channel
+    that lies above the one before it is refused, unless `sort` puts them in order.
+    """
+
+    maps: Annotated[tuple[str, ...], Field(min_length=1, max_length=16)]
+    range_mm: tuple[NonNegative, NonNegative]
+    invert: bool = False
+    sort: bool = False
+
+    @model_validator(mode="after")
+    def _rises(self) -> "DepthsSpec":
+        low, high = self.range_mm
+        if low > high:
+            raise ValueError(
+                f"expected range_mm to rise, got {low:g} to {high:g}; exchange them and set invert to true"
+            )
+        return self
+
+
 class MaterialSpec(Model):
-    """A stack of layers, outermost first, and the surface on it."""
+    """A stack of layers, outermost first, and the surface on it.
+
+    With `depths` the layers are as thick as these textures say: one layer for every channel, or one more
+    that has no end.
+    """
 
     layers: Annotated[tuple[LayerSpec, ...], Field(min_length=1, max_length=64)] = (LayerSpec(),)
+    depths: DepthsSpec | None = None
     surface: SurfaceSpec = SurfaceSpec()
+
+    @model_validator(mode="after")
+    def _one_thickness(self) -> "MaterialSpec":
+        if self.depths is not None:
+            for number, layer in enumerate(self.layers):
+                if layer.thickness_mm is not None:
+                    raise ValueError(
+                        f"expected no thickness_mm beside depths, got one in layers.{number}; leave it out, "
+                        "as the depths say where layers end"
+                    )
+        return self
 
 
 def _as_material(value: Any) -> Any:
@@ -289,41 +340,3 @@ LightSpec = Annotated[
 
 LIGHTS = ("point", "spot", "directional", "rectangle", "sphere", "environment", "studio")
 """Types of lights."""
-
-
-class CameraSpec(Model):
-    """Where the picture is taken from. With `fit`, from `direction`, so that the object fills the frame."""
-
-    fit: bool = True
-    direction: Vector = (0.0, 0.0, 1.0)
-    position_mm: Vector | None = None
-    target_mm: Vector | None = None
-    fov_y_deg: Annotated[Number, Field(ge=1, le=150)] = 35.0
-    resolution: tuple[Annotated[Count, Field(ge=1, le=8192)], Annotated[Count, Field(ge=1, le=8192)]] = (
-        800,
-        600,
-    )
-    samples: Annotated[Count, Field(ge=1, le=64)] = 9
-
-    @model_validator(mode="before")
-    @classmethod
-    def _place_given(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("position_mm") and data.get("target_mm"):
-            return {"fit": False, **data}
-        return data
-
-    @model_validator(mode="after")
-    def _placed(self) -> "CameraSpec":
-        if not self.fit and (self.position_mm is None or self.target_mm is None):
-            raise ValueError("expected position_mm and target_mm when fit is false")
-        if not any(self.direction):
-            raise ValueError("expected a direction other than zero")
-        return self
-
-
-class OutputSpec(Model):
-    """How radiance becomes a picture."""
-
-    exposure_ev: Annotated[Number, Field(ge=-30, le=30)] = 0.0
-    tonemap: Literal["linear", "agx", "aces"] = "agx"
-    background: Colour | None = None

@@ -63,10 +63,13 @@ def test_depth_textures_come_back():
         (back,) = depths_of(stack, (0.0, 3.0), invert=invert)
         torch.testing.assert_close(back.to(source.dtype), source, rtol=0, atol=1e-6)
     nine = [*media, *media, preset("skin1")]
-    layered = stack_from_depths([texture, texture], nine, (0.0, 2.0), infinite=True)
+    # the second image begins above the first's last boundary
+    with pytest.raises(DomainError, match=r"channel 4 to lie below channel 3.*sort=True"):
+        stack_from_depths([texture, texture], nine, (0.0, 2.0), infinite=True)
+    layered = stack_from_depths([texture, texture], nine, (0.0, 2.0), infinite=True, sort=True)
     assert len(layered.layers) == 9 and layered.table().bottomless
-    # the second image lies above the first's last boundary: those layers are absent
-    assert float(layered.layers[4].thickness.max()) == 0
+    ends = torch.cat([layer.thickness for layer in layered.layers[:8]], -1).cumsum(-1)
+    torch.testing.assert_close(ends, torch.cat([texture, texture], -1).sort(-1).values.to(ends) * 2)
 
 
 def test_depth_textures_need_a_range_and_channels():

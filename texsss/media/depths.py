@@ -9,6 +9,7 @@ from texsss.media.medium import Medium
 from texsss.media.stack import Layer, Stack
 from texsss.types import Float, Tensor
 
+SLACK = 1e-6  # share of the deepest boundary by which channels may decrease: what 32 bits lose
 ROUNDING = 1e-3  # beyond 0..1, of values that were resampled
 
 
@@ -19,14 +20,17 @@ def stack_from_depths(
     *,
     invert: bool = False,
     infinite: bool = False,
+    sort: bool = False,
+    names: Sequence[str] | None = None,
 ) -> Stack:
     """The layers that depth textures describe.
 
     Channel i of the concatenated `textures` (values 0..1, four per RGBA image) is the depth of the lower
-    boundary of layer i; `range_mm` says what 0 and 1 mean [mm], exchanged by `invert`. A boundary above
-    the one before it is taken to touch it. `infinite`: one more medium lies beneath all. Differentiable.
-    Raises ShapeError: for sizes that differ or too few channels; DomainError: for a range that is none, or
-    values that are not 0..1.
+    boundary of layer i; `range_mm` says what 0 and 1 mean [mm], exchanged by `invert`. `sort` puts
+    the boundaries of every texel in order. `infinite`: one more medium lies beneath all. `names` of the
+    channels, for messages. Differentiable.
+    Raises ShapeError: for sizes that differ or too few channels; DomainError: for a range that is none,
+    values that are not 0..1, or a channel that lies above the one before it, unless they are sorted.
     """
     low, high = range_mm
     if not (0 <= low <= high and high < float("inf")):
@@ -38,7 +42,8 @@ def stack_from_depths(
         raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
     sizes = {tuple(t.shape[:2]) for t in textures}
     if len(sizes) != 1:
-        raise ShapeError(f"Depth texture: expected images of one size, got {sorted(sizes)}; resize them.")
+        listed = " and ".join(f"{width} × {height}" for height, width in sorted(sizes))
+        raise ShapeError(f"Depth texture: expected images of one size, got {listed}; resize them.")
     values = torch.cat(list(textures), -1)
     finite = len(media) - infinite
     if not 0 < finite <= values.shape[-1]:
@@ -54,10 +59,38 @@ def stack_from_depths(
             "by 255; the range says what they are in mm."
         )
     depth = low + (high - low) * (1 - values if invert else values)
-    depth = torch.cummax(depth, -1).values
+    depth = in_order(depth, sort, names)
     thickness = torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1]))
     layers = [Layer(medium, thickness[..., i]) for i, medium in enumerate(media[:finite])]
     return Stack([*layers, Layer(media[-1])] if infinite else layers)
+
+
+def in_order(
+    depth: Float[Tensor, "H W B"], sort: bool = False, names: Sequence[str] | None = None
+) -> Float[Tensor, "H W B"]:
+    """Depths [mm] that rise from channel to channel; put in order where `sort` asks for it.
+
+    Differentiable. Raises DomainError, naming the channels: when one lies above the one before it.
+    """
+    if sort:
+        return depth.sort(-1).values
+    seen = depth.detach()
+    slack = SLACK * float(seen.amax())
+    named = names or [str(i) for i in range(seen.shape[-1])]
+    for i in range(seen.shape[-1] - 1):
+        above = seen[..., i] - seen[..., i + 1] > slack
+        if bool(above.any()):
+            where = above.nonzero()[0].tolist()
+            raise DomainError(
+                f"depth textures: expected channel {named[i + 1]} to lie below channel {named[i]}, got "
+                f"{float(seen[*where, i + 1]):g} mm under {float(seen[*where, i]):g} mm "
+                f"at texel {tuple(where)} and "
+                f"{int(above.sum()) - 1} others; "
+                'pass sort=True (in scenes "sort": true) to put them in order, or check which end of the '
+                "grey scale is deep (invert). "
+                "Boundaries that fold over themselves are not supported: a layer has one depth per texel."
+            )
+    return depth.cummax(-1).values
 
 
 def depths_of(

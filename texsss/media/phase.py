@@ -28,6 +28,22 @@ def schlick(cosine: float | Tensor, k: Tensor) -> Tensor:
     return (1 - k**2) / (4 * torch.pi * (1 - k * cosine) ** 2)
 
 
+def schlick_k(mean: Tensor) -> Tensor:
+    """The k of `schlick` whose mean cosine is `mean`, which lies within -1..1. Without gradients.
+
+    Mean cosine: 1 / k + (1 - k²) / (2 k²) ln((1 - k) / (1 + k)), halved upon until float64 ends.
+    """
+    wanted = mean.detach().abs().double().clamp_max(1 - 1e-9)
+    low, high = torch.zeros_like(wanted), torch.ones_like(wanted)
+    for _ in range(60):
+        k = ((low + high) / 2).clamp_min(1e-6)
+        log = torch.log1p(-k) - torch.log1p(k)
+        series = k * (2 / 3 + k**2 * (2 / 15 + k**2 * 2 / 35))  # where differences lose their digits
+        reached = torch.where(k < 0.05, series, 1 / k + (1 - k**2) / (2 * k**2) * log)
+        low, high = torch.where(reached < wanted, k, low), torch.where(reached < wanted, high, k)
+    return (torch.where(wanted > 1e-9, (low + high) / 2, 0) * mean.sign()).to(mean)
+
+
 def phase_function(name: str, cosine: float | Tensor, g: Tensor) -> Tensor:
     """Density [1/sr] at the cosine of deflection, by name; `g` is the k of schlick, and unused by isotropic.
 

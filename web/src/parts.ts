@@ -15,11 +15,11 @@ export function bakedPart(scene: Omit<Scene, "camera">): Omit<Scene, "camera" | 
   const { albedo, albedo_mode, normalise, normal, normal_y } = scene.material.surface;
   const lights = rest.lights;
   const used = new Set<string>(
-    JSON.stringify([rest.material.layers, rest.media, rest.lights, albedo, normal, methods.diffusion === "parallax" && methods.parallax]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
+    JSON.stringify([rest.material.layers, rest.material.depths, rest.media, rest.lights, albedo, normal, methods.diffusion === "parallax" && methods.parallax]).match(/"[^"]*"/g)?.map((s) => s.slice(1, -1)),
   );
   const maps = Object.fromEntries(Object.entries(rest.maps).filter(([name]) => used.has(name)));
   const surface = strip({ albedo, albedo_mode, normalise, normal, normal_y });
-  return { ...rest, methods, lights, maps, material: { layers: rest.material.layers, surface } };
+  return { ...rest, methods, lights, maps, material: { layers: rest.material.layers, depths: rest.material.depths, surface } };
 }
 
 /** The object without fields that are undefined. */

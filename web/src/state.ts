@@ -24,6 +24,7 @@ export interface Layer {
 /** A scene without its camera. */
 export interface State extends Omit<Scene, "material" | "camera" | "version"> {
   layers: Layer[];
+  depths?: Scene["material"]["depths"];
   surface: Scene["material"]["surface"];
 }
 
@@ -61,7 +62,7 @@ export function coefficients(layer: Layer): { sigma_a: Triple; sigma_s: Triple }
 export function fromScene(scene: Scene, presets: Preset[]): State {
   const { material, camera: _camera, version: _version, ...rest } = structuredClone(scene);
   const layers = material.layers.map((spec) => layerOf(spec, scene.media ?? {}, presets));
-  return { ...rest, maps: rest.maps ?? {}, media: rest.media ?? {}, layers, surface: material.surface };
+  return { ...rest, maps: rest.maps ?? {}, media: rest.media ?? {}, layers, ...(material.depths ? { depths: material.depths } : {}), surface: material.surface };
 }
 
 function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Preset[]): Layer {
@@ -77,7 +78,7 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
   const { sigma_a_per_mm: a, sigma_s_per_mm: s, g = 0, eta = 1.3 } = medium ?? {};
   const plain = (value: unknown): value is number | Triple => typeof value === "number" || Array.isArray(value);
   const even = !Array.isArray(g) || g.every((value) => value === g[0]); // a card has one for all colours
-  if (!plain(a) || !plain(s) || !even) return { ...base, by: "given", medium: spec.medium };
+  if (!plain(a) || !plain(s) || !even || medium?.phase === "schlick") return { ...base, by: "given", medium: spec.medium };
   const [sigma_a, sigma_s, one] = [triple(a), triple(s), triple(g)[0]];
   const look = { colour: toColour(sigma_a, sigma_s, one), distance_mm: meanFreePath(sigma_a, sigma_s) };
   return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta };
@@ -98,7 +99,7 @@ export function marches({ methods, lights }: Pick<State, "methods" | "lights">):
 
 /** The scene that the service understands, but for its camera: layers that are muted are left out. */
 export function toScene(state: State): Omit<Scene, "camera"> {
-  const { layers, surface, ...rest } = structuredClone(state);
+  const { layers, depths, surface, ...rest } = structuredClone(state);
   if (rest.methods.diffusion === "parallax" && !rest.methods.parallax?.layers.length) rest.methods.diffusion = "none"; // yet
   if (ALONE.includes(rest.methods.diffusion)) Object.assign(rest.methods, { interreflection: 0, angular: false });
   const heard = layers.filter((layer) => !layer.muted);
@@ -117,7 +118,8 @@ export function toScene(state: State): Omit<Scene, "camera"> {
     }
     const last = i === heard.length - 1;
     const finite = layer.thickness_mm ?? 1;
+    if (depths) return { medium, thickness_mm: null }; // which says where layers end
     return { medium, thickness_mm: layer.thickness_map ?? (last ? layer.thickness_mm : finite) };
   });
-  return { version: 1, ...rest, media, material: { layers: specs, surface } };
+  return { version: 1, ...rest, media, material: { layers: specs, ...(depths ? { depths } : {}), surface } };
 }

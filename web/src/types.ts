@@ -11,7 +11,7 @@ export interface Source {
 export interface MapSpec {
   source: Source;
   space?: "srgb" | "linear";
-  channel?: "rgb" | "r" | "g" | "b" | "a" | "luminance";
+  channel?: "rgb" | "rgba" | "r" | "g" | "b" | "a" | "luminance";
 }
 
 export interface MapValue {
@@ -26,6 +26,7 @@ export interface MediumSpec {
   sigma_s_per_mm?: number | Triple | MapValue;
   g?: number | Triple;
   eta?: number;
+  phase?: "henyey-greenstein" | "schlick";
 }
 
 export interface Mix {
@@ -36,6 +37,14 @@ export interface Mix {
 export interface LayerSpec {
   medium: string | Mix;
   thickness_mm?: number | MapValue | null;
+}
+
+/** Textures whose channels say where layers end. */
+export interface Depths {
+  maps: string[];
+  range_mm: [number, number];
+  invert?: boolean;
+  sort?: boolean;
 }
 
 export interface Surface {
@@ -90,7 +99,7 @@ export interface Methods {
   angular?: boolean;
   octree?: { epsilon: number };
   poisson?: { taps: number; passes: number; reduction: number };
-  march?: { noise: number; noise_uv: number; deepest_mm: number | null };
+  march?: { noise: number; noise_uv: number; deepest_mm: number | number[] | null; noise_map?: string | null };
   parallax?: Parallax;
 }
 
@@ -113,7 +122,7 @@ export interface Scene {
   atlas: { uv?: string; size: number; padding_texels?: number; raster?: number };
   maps: Record<string, MapSpec>;
   media: Record<string, MediumSpec>;
-  material: { layers: LayerSpec[]; surface: Surface };
+  material: { layers: LayerSpec[]; depths?: Depths; surface: Surface };
   lights: Light[];
   camera: Camera;
   methods: Methods;

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError, ShapeError
+from texsss.media.depths import in_order
 from texsss.media.medium import Medium
 from texsss.media.stack import FAR_MM, Stack
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
-
-SLACK = 1e-6  # share of the deepest boundary by which channels may decrease: what 32 bits lose
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +155,7 @@ def from_depths(
     if most_mm is not None:
         depth = torch.minimum(depth, torch.as_tensor(most_mm, dtype=depth.dtype, device=depth.device))
     depth = depth.clamp(max=FAR_MM)
-    _check_order(depth, sort)
-    depth = depth.sort(-1).values if sort else depth.cummax(-1).values
+    depth = in_order(depth, sort)
     eta = {m.eta for m in media}
     if len(eta) > 1:
         raise DomainError(
@@ -206,21 +204,3 @@ def _coloured(stack: Stack) -> int | None:
         if d is not None and d.shape[-1] > 1 and bool((d != d[..., :1]).any()):
             return i
     return None
-
-
-def _check_order(depth: Float[Tensor, "H W B"], sort: bool) -> None:
-    """Raises DomainError, naming the channels, unless depths rise from channel to channel."""
-    seen = depth.detach()
-    slack = SLACK * float(seen.amax())
-    for i in range(0 if sort else seen.shape[-1] - 1):
-        above = seen[..., i] - seen[..., i + 1] > slack
-        if bool(above.any()):
-            where = above.nonzero()[0].tolist()
-            raise DomainError(
-                f"depth textures: expected channel {i + 1} to lie below channel {i}, got "
-                f"{float(seen[*where, i + 1]):g} mm under {float(seen[*where, i]):g} mm "
-                f"at texel {tuple(where)} and "
-                f"{int(above.sum()) - 1} others; "
-                "pass sort=True to put them in order, or check which end of the grey scale is deep (invert). "
-                "Boundaries that fold over themselves are not supported: a layer has one depth per texel."
-            )

@@ -143,7 +143,7 @@ export class MethodPanel {
         log: true,
         limits: [0.001, NONE],
         pointer: "/methods/march/deepest_mm",
-        get: (state) => state.methods.march?.deepest_mm ?? NONE,
+        get: (state) => (typeof state.methods.march?.deepest_mm === "number" ? state.methods.march.deepest_mm : NONE),
         set: (state, value) => void (state.methods.march = { ...MARCH, ...state.methods.march, deepest_mm: value < NONE ? value : null }),
         initial: () => NONE,
       }),
