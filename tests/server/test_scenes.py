@@ -86,11 +86,11 @@ def test_same_request_is_the_same_answer(client, small):
 
 
 def test_a_slider_costs_what_it_changes(client, small):
-    """A material of the same index makes weights and exitance alone; a light edit makes no texels."""
+    """A material of the same index makes weights, exitance and its march; a light edit makes no texels."""
     render(client, small)
     other = client.post("/v1/render", json=small | {"material": {"layers": [{"medium": "skin2"}]}})
     ran = {part.split(";")[0].strip() for part in other.headers["server-timing"].split(",")}
-    assert ran <= {"weights", "exitance", "picture"}, ran
+    assert ran <= {"weights", "exitance", "planes", "picture"}, ran
     lamp = {"type": "directional", "direction": [0, 1, 1]}
     lit = client.post("/v1/render", json=small | {"lights": [lamp]})
     assert not {"mesh", "atlas", "texels", "weights"} & {

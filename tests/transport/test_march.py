@@ -195,10 +195,10 @@ def test_light_adds_up_and_scales():
     both = march(points, mesh, None, interior, [sun, lamp], eye)
     apart = [march(points, mesh, None, interior, [light], eye) for light in (sun, lamp)]
     torch.testing.assert_close(both, apart[0] + apart[1])
-    # the same scene in other units: lengths × 10, coefficients / 10
-    large = mesh.moved(mesh.vertices * 10)
-    media = [Medium(m.sigma_a / 10, m.sigma_s / 10, m.g, m.eta) for m in fish()]
-    scaled = march(points, large, None, from_depths(veins(dtype=torch.float32) * 10, media), [sun], eye * 10)
+    # the same scene in other units: lengths × 16, coefficients / 16; radii of planes are rounded per doubling
+    large = mesh.moved(mesh.vertices * 16)
+    media = [Medium(m.sigma_a / 16, m.sigma_s / 16, m.g, m.eta) for m in fish()]
+    scaled = march(points, large, None, from_depths(veins(dtype=torch.float32) * 16, media), [sun], eye * 16)
     torch.testing.assert_close(scaled, apart[0], rtol=1e-3, atol=1e-6)
 
 
@@ -243,6 +243,7 @@ def test_every_ray_of_a_pixel_samples_the_sky_by_itself():
     once = scattered_once(
         Stack([Layer(fish()[0])]), mesh, tangent_planes(mesh), [ConstantEnvironment(UNIT)],
         atlas_uv=mesh.source_uv, scale=None, how=MarchSpec(), seed=0, method="exact", samples=4, pixels=1,
+        bumps=lambda points: None,
     )  # fmt: skip
     rays = [once(Hits(torch.arange(500), centre(500), view, torch.ones(500), k))[:, 0] for k in range(9)]
     assert float(torch.corrcoef(torch.stack(rays[1:3]))[0, 1]) < 0.2

@@ -53,8 +53,9 @@ static inline V floored(V a) {
   asm("vrndscaleps $1, %1, %0" : "=v"(r) : "v"(a));
   return r;
 #else
-  V cut = real(whole(a));
-  return cut > a ? cut - 1 : cut;
+  V cut = real(whole(a)), size = a < 0 ? -a : a;
+  cut = cut > a ? cut - 1 : cut;
+  return size < 8388608.0f ? cut : a;  // beyond, floats are whole, and soon more than integers can say
 #endif
 }
 // estimates of 14 bits and one step of Newton's, where there are such; ∞ of 0, and 0 of ∞
