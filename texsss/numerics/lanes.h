@@ -52,6 +52,14 @@ static inline V floored(V a) {
   V r;
   asm("vrndscaleps $1, %1, %0" : "=v"(r) : "v"(a));
   return r;
+#elif defined(__AVX__)
+  typedef float Half __attribute__((vector_size(32)));
+  Half half[sizeof(V) / sizeof(Half)];
+  V r;
+  std::memcpy(half, &a, sizeof a);
+  for (Half& h : half) h = __builtin_ia32_roundps256(h, 1);
+  std::memcpy(&r, half, sizeof r);
+  return r;
 #else
   V cut = real(whole(a)), size = a < 0 ? -a : a;
   cut = cut > a ? cut - 1 : cut;
