@@ -6,7 +6,7 @@ import pytest
 import torch
 from PIL import Image
 from test_cli import cube, texsss  # noqa: F401
-from test_pipeline import plain, small  # noqa: F401
+from test_methods import plain
 
 from texsss.baker import Baker
 from texsss.compare import FILES, asked, compare
@@ -14,7 +14,7 @@ from texsss.errors import AssetError, Cancelled, DomainError
 from texsss.io.sheet import difference_map, sheet
 
 
-def test_a_method_equals_itself_and_others_differ(small):  # noqa: F811
+def test_a_method_equals_itself_and_others_differ(small):
     found = compare(plain(small), ("none", "uv", "surface"), reference="surface")
     rows = {row.method: row for row in found.rows}
     assert rows["surface"].rmse == 0.0 and rows["surface"].psnr is None and rows["surface"].mean == 1.0
@@ -26,7 +26,7 @@ def test_a_method_equals_itself_and_others_differ(small):  # noqa: F811
     assert rows["uv"].rmse == pytest.approx(float(expected), rel=0.02)
 
 
-def test_methods_are_what_they_say(small):  # noqa: F811
+def test_methods_are_what_they_say(small):
     scene = plain(small, rule="entry")
     assert asked(scene, "octree+through").methods.transmission
     assert asked(scene, "march-exact").methods.single_scattering == "exact"
@@ -36,7 +36,7 @@ def test_methods_are_what_they_say(small):  # noqa: F811
         asked(scene, "parallax")
 
 
-def test_all_are_lit_alike(small):  # noqa: F811
+def test_all_are_lit_alike(small):
     """One method that knows no light from other parts has all do without; operators are nobody's seconds."""
     scene = plain(small, interreflection=1, octree={"spacing_mm": 3.0})
     found = compare(scene, ("octree", "surface"))
@@ -47,7 +47,7 @@ def test_all_are_lit_alike(small):  # noqa: F811
     assert not compare(scene, ("uv", "none")).alone
 
 
-def test_files_are_a_table_numbers_and_a_sheet(small, tmp_path):  # noqa: F811
+def test_files_are_a_table_numbers_and_a_sheet(small, tmp_path):
     found = compare(plain(small, octree={"spacing_mm": 3.0}), ("octree", "surface+through", "poisson"))
     assert found.reference == "octree"
     written = found.save(tmp_path / "out")
@@ -68,7 +68,7 @@ def test_files_are_a_table_numbers_and_a_sheet(small, tmp_path):  # noqa: F811
     assert [p.name for p in (tmp_path / "taken").iterdir()] == ["compare.md"]
 
 
-def test_it_can_be_stopped_and_says_where_it_is(small):  # noqa: F811
+def test_it_can_be_stopped_and_says_where_it_is(small):
     heard = []
     with pytest.raises(Cancelled):
         compare(
@@ -80,7 +80,7 @@ def test_it_can_be_stopped_and_says_where_it_is(small):  # noqa: F811
     assert "light" in heard
 
 
-def test_bad_names_are_answered(small):  # noqa: F811
+def test_bad_names_are_answered(small):
     scene = plain(small)
     with pytest.raises(DomainError, match="octree"):
         compare(scene, ("dipole",))
@@ -92,7 +92,7 @@ def test_bad_names_are_answered(small):  # noqa: F811
         compare(scene, ("uv",), reference="octree")
 
 
-def test_the_shared_part_is_made_once(small):  # noqa: F811
+def test_the_shared_part_is_made_once(small):
     heard, baker = [], Baker()
     compare(plain(small), ("uv", "none"), baker=baker, progress=lambda s, share: heard.append((s, share)))
     assert [share for name, share in heard if name == "atlas"].count(0.0) >= 1

@@ -4,13 +4,13 @@ import math
 
 import pytest
 import torch
-from test_pipeline import plain, small  # noqa: F401
+from test_methods import plain
 
 from texsss.baker import Baker
 from texsss.errors import DomainError
 
 
-def test_seams_jump_where_diffusion_stops_and_nowhere_else(small):  # noqa: F811
+def test_seams_jump_where_diffusion_stops_and_nowhere_else(small):
     jump = {}
     for method in ("uv", "surface"):
         image = Baker().intermediate(plain(small, diffusion=method), "seam-jump")
@@ -20,7 +20,7 @@ def test_seams_jump_where_diffusion_stops_and_nowhere_else(small):  # noqa: F811
     assert 0 < jump["surface"] < 0.6 * jump["uv"]
 
 
-def test_the_metric_is_that_of_the_torus(small):  # noqa: F811
+def test_the_metric_is_that_of_the_torus(small):
     """One texel spans 2π R / 128 around and 2π r / 128 through, R from 40 to 80, r 20."""
     longest, shortest, ratio = Baker().intermediate(plain(small), "metric").unbind(-1)
     assert float(longest.amax()) == pytest.approx(2 * math.pi * 80 / 128, rel=0.02)
@@ -28,13 +28,13 @@ def test_the_metric_is_that_of_the_torus(small):  # noqa: F811
     torch.testing.assert_close(ratio, longest / shortest)
 
 
-def test_the_torus_is_as_thick_as_its_tube(small):  # noqa: F811
+def test_the_torus_is_as_thick_as_its_tube(small):
     image = Baker().intermediate(plain(small), "through-mm")
     # rays through the middle of the tube
     assert float(image.amin()) > 38 and float(image.amax()) < 42
 
 
-def test_gaussians_get_smoother(small):  # noqa: F811
+def test_gaussians_get_smoother(small):
     baker, scene = Baker(), plain(small, diffusion="surface")
     spread = [float(baker.intermediate(scene, f"gaussian-{k}").std()) for k in (1, 4, 8)]
     assert spread == sorted(spread, reverse=True)
@@ -42,6 +42,6 @@ def test_gaussians_get_smoother(small):  # noqa: F811
         baker.intermediate(plain(small, diffusion="octree"), "gaussian-1")
 
 
-def test_unknown_names_list_the_choices(small):  # noqa: F811
+def test_unknown_names_list_the_choices(small):
     with pytest.raises(DomainError, match="seam-jump"):
         Baker().intermediate(plain(small), "seams")
