@@ -21,6 +21,7 @@ import torch
 from texsss.media.medium import mix
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, LayerTable, Stack
+from texsss.profiles.blocks import Loops
 from texsss.profiles.fft_route import fft_combined
 from texsss.profiles.grid import grid_gaussians
 from texsss.profiles.project import variance_ladder
@@ -68,9 +69,16 @@ def solved(how: str, material: Stack | LayerTable, model: str) -> Weights:
         return weights_for(material, ladder, model=model, compiled=how == "compiled")
     with (
         mock.patch("texsss.profiles.weights.Fused", lambda *table, **options: None),
-        mock.patch("texsss.profiles.weights.WORTH_WAITING", 1),
+        mock.patch("texsss.profiles.weights.Loops", Patient),
     ):
         return weights_for(material, ladder, model=model, compiled=True)
+
+
+class Patient(Loops):
+    """Waits for numba, which bakes do not."""
+
+    def __init__(self):
+        super().__init__(wait=True)
 
 
 def weigh(model: str, how: str, texels: int) -> None:
@@ -113,7 +121,8 @@ def main() -> None:
     for model in ("layered-diffusion", "layered-sp3"):
         for how in HOW:
             if how != "eager":
-                solved(how, table.rows(slice(0, 10_000)), model)
+                built = best(lambda model=model, how=how: solved(how, table.rows(slice(0, 10_000)), model), 1)
+                print(f"{model:18s} {how:16s} {built:8.2f} s until it has built or loaded its loop")
             seconds = best(lambda model=model, how=how: solved(how, table, model), asked.repeats)
             per_texel.setdefault(model, seconds / asked.texels)
             beyond = peak_beyond(model, how, asked.texels)

@@ -1,10 +1,14 @@
 """The compiled loops that most bakes need, built while everything else is loaded."""
 
+import hashlib
+import subprocess
 import sys
 import threading
+from importlib.metadata import version
 from pathlib import Path
 
-from texsss.numerics.native import abandon, build
+from texsss.numerics import loop_files
+from texsss.numerics.native import abandon, build, cache_folder, run, written
 from texsss.transport.march import variant
 
 HERE = Path(__file__).parent
@@ -19,9 +23,16 @@ USUAL: tuple[tuple[Path, dict[str, int]], ...] = (
 )
 """Sources and macros, in the order in which a bake asks for them."""
 
+RECORDS = "import sys; sys.path.insert(0, sys.argv[1]); from texsss.profiles import usual; usual.keep()"
+RECORDED = ("profiles", "media", "numerics")  # folders of what is recorded
+
 
 class Ahead:
-    """A thread that builds them, one after the other, unless they lie on disk. It imports no torch."""
+    """A thread that builds them, one after the other, unless they lie on disk. It imports no torch.
+
+    Where C++ cannot be compiled it builds loops of numba instead, of which processes of their own record
+    what torch does.
+    """
 
     def __init__(self) -> None:
         self._ended = threading.Event()
@@ -39,9 +50,24 @@ class Ahead:
             self._thread.join()
 
     def _build(self) -> None:
-        for source, macros in USUAL:
-            if not build(source, macros, self._ended.is_set):
-                return
+        ended = self._ended.is_set
+        if all(build(source, macros, ended) for source, macros in USUAL) or ended():
+            return
+        try:
+            all(loop_files.build(cache_folder() / name, ended) for name in self._recorded().split())
+        except (OSError, subprocess.SubprocessError):
+            return
+
+    def _recorded(self) -> str:
+        """The names of the usual loops, recorded once for these versions of everything."""
+        sources = [path.read_bytes() for room in RECORDED for path in sorted((HERE / room).glob("*.py"))]
+        key = hashlib.sha256(b"".join([*sources, version("torch").encode()])).hexdigest()[:24]
+        known, folder = cache_folder() / f"usual-{key}", cache_folder()
+        if not known.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            command = [sys.executable, "-c", RECORDS, str(HERE.parent)]
+            written(known, run(command, folder, self._ended.is_set).decode())
+        return known.read_text()
 
 
 def leave(*_: object) -> None:

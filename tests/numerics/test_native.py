@@ -104,7 +104,7 @@ def test_what_nobody_loads_is_swept(tmp_path):
         path.touch()
     for path in (old, left):
         os.utime(path, (0, time.time() - native.KEPT_S - 1))
-    native._sweep(tmp_path)
+    native.sweep(tmp_path)
     assert list(tmp_path.iterdir()) == [new]
 
 

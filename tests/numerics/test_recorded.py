@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from texsss.numerics import loop_files, native
 from texsss.numerics.jitted import Loop
 from texsss.numerics.recorded import Recording
 
@@ -49,18 +50,36 @@ def test_what_looks_at_other_columns_is_refused(function):
         Recording(function, [torch.rand(1, 4)])
 
 
-def test_nothing_is_built_unless_it_is_waited_for(tmp_path, monkeypatch):
+def test_a_loop_is_built_beside_what_asks_for_it(tmp_path, monkeypatch):
     monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    recording, x = Recording(lambda a: S * a, [torch.rand(1, 4)]), torch.rand(1, 4)
     with pytest.raises(LookupError, match="not built"):
-        Loop(Recording(lambda a: S * a, [torch.rand(1, 4)]), wait=False)
-    assert not list(tmp_path.iterdir())
+        Loop(recording, wait=False)
+    made = torch.empty(len(S), 4)
+    Loop(recording, wait=True)([x], made)
+    torch.testing.assert_close(made, S * x)
+    monkeypatch.setattr(loop_files, "run", lambda *_: pytest.fail("built again"))
+    Loop(recording, wait=False)
 
 
 def test_a_loop_that_cannot_be_kept_is_none(tmp_path, monkeypatch):
     (tmp_path / "native").write_text("no folder")
-    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    _nothing_comes(tmp_path, monkeypatch, "NotADirectoryError")
+
+
+def test_a_loop_that_numba_cannot_make_is_none(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop_files, "_CHILD", "raise ImportError('numba')")
+    _nothing_comes(tmp_path, monkeypatch, "CalledProcessError")
+
+
+def _nothing_comes(folder, monkeypatch, why: str) -> None:
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(folder))
+    native.notice.cache_clear()
+    recording = Recording(lambda a: S * a + 0.25, [torch.rand(1, 4)])
     with (
-        pytest.warns(RuntimeWarning, match="numba could not"),
-        pytest.raises(LookupError, match="cannot be built"),
+        pytest.warns(RuntimeWarning, match=f"profiles run .* numba could not .*{why}"),
+        pytest.raises(LookupError, match="not built"),
     ):
-        Loop(Recording(lambda a: S * a + 0.25, [torch.rand(1, 4)]), wait=True)
+        Loop(recording, wait=True)
+    with pytest.raises(LookupError):  # warnings are errors
+        Loop(recording, wait=False)

@@ -189,19 +189,3 @@ class Replays(Loops):
             read = [known[x] if isinstance(x, Value) else x for x in reads]
             known[value] = getattr(torch, name)(*read, **dict(options))
         return known[recording.result]
-
-
-def test_weights_without_a_compiler_are_the_same(monkeypatch):
-    """By numba, within rounding of those by torch: measured 2e-6."""
-    monkeypatch.setattr(weights, "WORTH_COMPILING", 1)
-    monkeypatch.setattr(weights, "WORTH_WAITING", 1)
-    monkeypatch.setattr(weights, "Fused", lambda *table, **options: None)
-    asked = []
-    solved = Loops.solved
-    monkeypatch.setattr(Loops, "solved", lambda *x: (asked.append(x), solved(*x))[1])
-    stack = Stack([Layer(preset("skin1"), torch.linspace(0.0, 2.0, 50)[None]), Layer(preset("skin2"))])
-    ladder = variance_ladder(0.4, 400.0, 8)
-    options = {"model": "layered-diffusion", "levels": None}
-    by_torch, by_numba = (weights_for(stack, ladder, compiled=x, **options) for x in (False, True))
-    assert len(asked) == 1
-    torch.testing.assert_close(by_numba.at(), by_torch.at(), rtol=0, atol=2e-5)

@@ -1,28 +1,18 @@
 """Recorded operations as one loop over columns, compiled by numba: no compiler of the system is asked.
 
-numba is optional and imported on first use. The source is written once per recording, and what numba makes
-of it lies beside it on disk.
+The source is written once per recording; loop_files says where it lies and when it is compiled.
 """
 
-import hashlib
-import importlib.util
-import os
-import sys
-import threading
-import warnings
-from collections.abc import Callable, Sequence
-from functools import cache
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 
-from texsss.numerics.native import cache_folder, notice, written
+from texsss.numerics import loop_files
 from texsss.numerics.recorded import Operation, Recording, Value
 from texsss.types import Tensor
 
 TILE = 64  # columns at once: all that is known of them fits into the first caches
-_BUILDING = threading.Lock()
 
 # e^x, sin x by reduced arguments and polynomials (Cephes): without branches, so that loops become vectors
 _HEAD = '''"""Written by texsss.numerics.jitted."""
@@ -114,15 +104,16 @@ _POWERS = {2: "{0} * {0}", 1.5: "{0} * math.sqrt({0})", -1.5: "F(1) / ({0} * mat
 class Loop:
     """A recording of float32 operations, compiled.
 
-    Building takes some seconds, once per machine and structure. `wait`: for that, too.
-    Raises LookupError: for operations that have no form here, instead of waiting, and where numba fails.
+    Building takes some seconds, once per machine and structure. `wait`: for that, too; else it begins beside
+    what else is done. Raises LookupError: for operations that have no form here, instead of waiting, and
+    where numba fails.
     """
 
     def __init__(self, recording: Recording, wait: bool):
-        source = _Source(recording)
+        source = Source(recording)
         self._rows = torch.cat(source.rows, 1).contiguous().numpy()
         self._numbers = torch.tensor(source.numbers, dtype=torch.float32).numpy()
-        self._run = _compiled(source.text, wait)
+        self._run = loop_files.loop(source.text, wait)
 
     def __call__(self, inputs: Sequence[Tensor], result: Tensor) -> None:
         """Fills `result` (S, N), contiguous, for `inputs` (1, N)."""
@@ -130,7 +121,7 @@ class Loop:
         self._run(torch.cat(list(inputs)).numpy(), self._rows, self._numbers, result.numpy())
 
 
-class _Source:
+class Source:
     """The text of a loop, and what it reads: numbers, and columns (S, 1).
 
     Materials of the same structure differ in those alone, so that they share a text.
@@ -211,35 +202,3 @@ class _Source:
             self._row[id(x)] = len(self.rows)
             self.rows.append(x)
         return f"r{self._row[id(x)]}"
-
-
-@cache
-def available() -> bool:
-    """Whether numba is installed."""
-    return importlib.util.find_spec("numba") is not None
-
-
-def _compiled(text: str, wait: bool) -> Callable[..., None]:
-    name = f"loop_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    path = cache_folder() / f"{name}.py"
-    if not (wait or path.is_file()):
-        raise LookupError("Loop: it is not built yet.")
-    with _BUILDING:  # whoever comes second waits for what the first builds
-        try:
-            return _loaded(path, name, text)
-        except Exception as error:  # numba's are many, and a folder may be closed
-            notice(f"numba could not build a loop ({type(error).__name__})")
-            raise LookupError("Loop: it cannot be built.") from error
-
-
-@cache
-def _loaded(path: Path, name: str, text: str) -> Callable[..., None]:
-    written(path, text)
-    os.utime(path)  # still in use
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # numba's own
-        spec.loader.exec_module(module)
-    return module.loop

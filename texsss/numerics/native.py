@@ -27,7 +27,8 @@ POLL_S = 0.05
 KEPT_S = 30 * 86_400  # libraries that nobody loads for so long are removed
 SHARED = Path(__file__).parent  # of headers
 _LOCKS: dict[Path, threading.Lock] = {}
-_HANGS = threading.Event()  # a compiler that did not answer once is not asked again
+_HANGS: set[str] = set()  # what did not answer once is not asked again
+ALL = "*"  # ... nor is anything, after this
 _RUNNING: set[subprocess.Popen[bytes]] = set()
 
 
@@ -42,7 +43,7 @@ def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
 
 def abandon() -> None:
     """Ends what compiles now: those who wait for it do without. For a process that is told to go."""
-    _HANGS.set()
+    _HANGS.add(ALL)
     for running in list(_RUNNING):
         _end(running)
 
@@ -83,7 +84,7 @@ def _built(
         return None
     text = b"".join(x.read_bytes() for x in (source, *sorted(source.parent.glob("*.h")), SHARED / "lanes.h"))
     command = [*compiler, *FLAGS, *(f"-D{name}={value}" for name, value in macros)]
-    key = hashlib.sha256(repr((command, _version(compiler), _processor())).encode() + text).hexdigest()[:24]
+    key = hashlib.sha256(repr((command, _version(compiler), processor())).encode() + text).hexdigest()[:24]
     path = cache_folder() / f"{source.stem}-{key}.so"
     with _LOCKS.setdefault(path, threading.Lock()):  # whoever comes second waits for what the first builds
         if not path.is_file():
@@ -94,20 +95,26 @@ def _built(
 def _build(command: list[str], path: Path, cancel: Callable[[], bool]) -> None:
     """Builds beside `path`, then moves there in one step: others may build the same."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path.parent)
+    sweep(path.parent)
     with tempfile.TemporaryDirectory(prefix="build-", dir=path.parent) as folder:
         made = Path(folder) / path.name
-        _run([*command, "-o", str(made)], folder, cancel)
+        run([*command, "-o", str(made)], folder, cancel)
         with made.open("rb") as file:
             os.fsync(file.fileno())  # whole or not at all, even if the power fails
         os.replace(made, path)
 
 
-def _run(command: list[str], folder: str, cancel: Callable[[], bool] = lambda: False) -> bytes:
+def run(
+    command: list[str],
+    folder: str | Path,
+    cancel: Callable[[], bool] = lambda: False,
+    patience_s: float | None = None,
+) -> bytes:
     """What a command prints. Raises SubprocessError: when it fails, is cancelled, or hangs, now or before."""
-    if _HANGS.is_set():
-        raise subprocess.TimeoutExpired(command, PATIENCE_S)
-    deadline = time.monotonic() + PATIENCE_S
+    if _HANGS & {ALL, command[0]}:
+        raise subprocess.TimeoutExpired(command, 0)
+    patience_s = patience_s or PATIENCE_S
+    deadline = time.monotonic() + patience_s
     with tempfile.TemporaryFile(dir=folder) as said:
         running = subprocess.Popen(
             command, cwd=folder, stdout=said, stderr=subprocess.DEVNULL, start_new_session=True
@@ -116,8 +123,8 @@ def _run(command: list[str], folder: str, cancel: Callable[[], bool] = lambda: F
         try:
             while running.poll() is None and not cancel():
                 if time.monotonic() > deadline:
-                    _HANGS.set()
-                    raise subprocess.TimeoutExpired(command, PATIENCE_S)
+                    _HANGS.add(command[0])
+                    raise subprocess.TimeoutExpired(command, patience_s)
                 with suppress(subprocess.TimeoutExpired):
                     running.wait(POLL_S)
         finally:
@@ -136,7 +143,7 @@ def _end(running: subprocess.Popen[bytes]) -> None:
         running.wait()
 
 
-def _sweep(folder: Path) -> None:
+def sweep(folder: Path) -> None:
     """Removes libraries that nobody loads any more, and what builds that were killed left behind."""
     for path in folder.glob("*"):
         with suppress(OSError):
@@ -159,11 +166,11 @@ def _compiler() -> tuple[str, ...] | None:
 
 @cache
 def _version(compiler: tuple[str, ...]) -> bytes:
-    return _run([*compiler, "--version"], tempfile.gettempdir())
+    return run([*compiler, "--version"], tempfile.gettempdir())
 
 
 @cache
-def _processor() -> str:
+def processor() -> str:
     """What -march=native depends on: caches may be shared by machines that differ."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -188,10 +195,10 @@ def cache_folder() -> Path:
 
 
 @cache
-def notice(why: str) -> None:
+def notice(why: str, what: str = "march and diffusion") -> None:
     """Says once for every reason that loops run uncompiled."""
     warnings.warn(
-        f"texsss: march, profiles and diffusion run uncompiled, several times slower, because {why}.",
+        f"texsss: {what} run uncompiled, several times slower, because {why}.",
         RuntimeWarning,
         stacklevel=3,
     )

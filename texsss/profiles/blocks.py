@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.numerics.jitted import Loop, available
+from texsss.numerics.jitted import Loop
 from texsss.numerics.recorded import Recording
 from texsss.profiles.slab import Coefficients, layers_of
 from texsss.types import Bool, Float, Tensor, chunks
@@ -37,10 +37,10 @@ class Solver(NamedTuple):
 class Loops:
     """Models made into loops of numba, for many rows at the same frequencies; from any thread.
 
-    `wait`: until they are built, too; else those alone that lie on disk.
+    `wait`: until they are built, too; else those alone that lie on disk, and building of the others begins.
     """
 
-    def __init__(self, wait: bool = True):
+    def __init__(self, wait: bool = False):
         self._wait = wait
         self._known: dict[Any, Loop | None] = {}
         self._lock = Lock()
@@ -48,7 +48,7 @@ class Loops:
     @staticmethod
     def serve(s: Float[Tensor, " S"]) -> bool:
         """Whether there are loops for such frequencies."""
-        return s.dtype == torch.float32 and s.device.type == "cpu" and len(s) > 1 and available()
+        return s.dtype == torch.float32 and s.device.type == "cpu" and len(s) > 1
 
     def solved(self, given: Any, s: Float[Tensor, "S 1"], solver: Solver) -> Float[Tensor, "S N"] | None:
         """R̂ or T̂ of the layers `given`; None where there is no loop."""

@@ -20,7 +20,6 @@ CHUNK = 16_384  # rows solved at once
 JITTED_CHUNK = 32_768  # ... by the loop of numba, among which are some for torch
 LOOP_CHUNK = 4096  # ... by the loop in C++
 WORTH_COMPILING = 10_000  # rows; fewer are done before the loop is built
-WORTH_WAITING = 300_000  # rows; fewer are done before numba has built the loop
 WORKSPACE = 2**22  # [numbers] set aside before
 
 
@@ -88,7 +87,8 @@ def weights_for(
     Maps of 8 bits keep their values. Others are rounded to steps that are finest near their least value:
     totals move by .0004 on average, by .003 or more at one in 100, by up to .013 where little is absorbed.
     Grey materials are shown in `channels` channels. `compiled`: many rows of the layered models by a loop in
-    C++, where there is a compiler, or of numba, where that is installed; in float32 and without gradients.
+    C++, or without a compiler by one of numba, once that is built (torch answers until then); in float32 and
+    without gradients.
     Differentiable in maps and coefficients.
     Raises DomainError: for unknown names; Cancelled.
     """
@@ -115,7 +115,7 @@ def weights_for(
     if fused is None or not fused.ready:
         fused = None
         if worth and model in MODELS and Loops.serve(s):
-            loops = Loops(wait=table.batch[0] >= WORTH_WAITING)
+            loops = Loops()
         # glibc hands memory back after every operation until it has seen something large freed: half the time
         torch.empty(WORKSPACE, device=matrix.device)
     count, done = table.batch[0], []

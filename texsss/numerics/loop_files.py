@@ -1,0 +1,108 @@
+"""Loops of numba on disk: each a folder with its source, compiled by a process of its own."""
+
+import hashlib
+import importlib.util
+import os
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from texsss.numerics.native import cache_folder, notice, processor, run, sweep, written
+
+# what the process does: it gives way to others, and says at last how long it took
+_CHILD = """import os, sys, time
+folder, name, built = sys.argv[1:]
+os.nice(10)
+sys.path.insert(0, folder)
+__import__(name)
+with open(built, "w") as file:
+    file.write(f"{time.process_time():.1f} s of processor time")
+"""
+PATIENCE_S = 900.0
+_LOCKS: dict[Path, threading.Lock] = {}
+_BEGUN: set[Path] = set()
+_FAILED: dict[Path, str] = {}
+
+
+def loop(text: str, wait: bool) -> Callable[..., None]:
+    """The function `loop` of a source. `wait`: until it is compiled.
+
+    Raises LookupError: where it is not, or cannot be; unless told to wait, compiling then begins, and goes
+    on when this process ends.
+    """
+    try:
+        folder = kept(text)
+        if not wait and not _built(folder).is_file():
+            _begin(folder)
+        elif build(folder):
+            return _loaded(folder)
+        why = _FAILED.get(folder)
+    except OSError as error:  # a folder may be closed
+        why = type(error).__name__
+    if why is not None:
+        notice(f"numba could not build a loop ({why})", "profiles")
+    raise LookupError("Loop: it is not built.")
+
+
+def kept(text: str) -> Path:
+    """The folder of a source, which is written there."""
+    name = f"loop_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+    written(cache_folder() / name / f"{name}.py", text)
+    return cache_folder() / name
+
+
+def build(folder: Path, cancel: Callable[[], bool] = lambda: False) -> bool:
+    """Whether what lies in `folder` is compiled for this machine; does it first, until `cancel` says so."""
+    with _LOCKS.setdefault(folder, threading.Lock()):  # whoever comes second waits for what the first builds
+        with suppress(OSError):  # of others, perhaps
+            os.utime(folder)  # still in use
+        if _built(folder).is_file():
+            return True
+        if folder in _FAILED:
+            return False
+        try:
+            sweep(folder.parent)
+            command = [sys.executable, "-c", _CHILD, str(folder), folder.name, str(_built(folder))]
+            run(command, folder, cancel, PATIENCE_S)
+        except (OSError, subprocess.SubprocessError) as error:
+            if not cancel():
+                _FAILED[folder] = type(error).__name__
+        return _built(folder).is_file()
+
+
+def _begin(folder: Path) -> None:
+    """Builds in a thread, once."""
+    if folder not in _BEGUN:
+        _BEGUN.add(folder)
+        threading.Thread(target=build, args=(folder,), name="numba", daemon=True).start()
+
+
+def _built(folder: Path) -> Path:
+    """The file that says that `folder` is compiled, for such a processor and by such a numba."""
+    return folder / f"built-{_kind()}"
+
+
+@cache
+def _kind() -> str:
+    try:
+        numba = version("numba")
+    except PackageNotFoundError:
+        numba = ""
+    return hashlib.sha256(f"{numba} {sys.version} {processor()}".encode()).hexdigest()[:12]
+
+
+@cache
+def _loaded(folder: Path) -> Callable[..., None]:
+    spec = importlib.util.spec_from_file_location(folder.name, folder / f"{folder.name}.py")
+    assert spec is not None and spec.loader is not None
+    module = sys.modules[folder.name] = importlib.util.module_from_spec(spec)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # numba's own
+        spec.loader.exec_module(module)
+    return module.loop
