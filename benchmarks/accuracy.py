@@ -208,6 +208,11 @@ return under normal incidence and 1.12 under diffuse light, which no one share d
 have to be kept for a few scatterings (below, more of such slabs). Multiple scattering alone in slabs
 below a tenth of a mean free path is a few thousandths of what entered.
 
+Light spreads along a clear film only as far as it flew since it last scattered; without that limit of its
+diffusion four fifths of all structure wider than the film would be lost. Under films of half a millimetre
+what scattered more than once is still too sharp, by 11 % of the total at s = .5 to 2/mm. Such films, and
+layers of thickness 0, leave what gets out to the indices beneath, as in truth, whatever their own.
+
 ## Thin slabs that scatter forwards
 
 Slabs of g = .8 by reduced albedo, index and thickness [reduced mean free paths]. Errors in percent of R

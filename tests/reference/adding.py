@@ -42,7 +42,8 @@ def totals(layers: Sequence[Layer], quadrature: int = 32) -> Totals:
     eta = layers[0].eta
     if any(layer.eta != eta or layer.phase != "henyey-greenstein" for layer in layers):
         raise ValueError("adding-doubling here knows one eta per stack and Henyey-Greenstein scattering only")
-    slabs = [_slab(layer, quadrature) for layer in layers]
+    # clear layers of one index change no totals
+    slabs = [_slab(layer, quadrature) for layer in layers if layer.sigma_t > 0]
     sample = slabs[0]
     stack = boundary_matrices(sample, top=True)  # R down, R up, T down, T up
     for slab in slabs:

@@ -16,6 +16,9 @@ and integrates σs' t Σ w_j χ_j over the depth. Both agree by Green's identity
 is self-adjoint: Σ_j w_j D_j [χ_j ψ_j' - ψ_j χ_j'] = Σ_j w_j (χ_j B_j ψ_j - ψ_j (B_j χ_j - e_j)) = Σ_j w_j
 e_j ψ_j at 0.
 
+Along a layer that hardly scatters light spreads no farther than it flies: s² there is times σ and the mean
+path since the last scattering (`spread_aside`).
+
 At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. The table is for the eta of the faces; inner
 indices must be equal.
 """
@@ -42,6 +45,29 @@ MODES = {
 }
 
 
+SLANT = 6  # path over thickness of light that crosses a layer
+
+
+def spread_aside(layers: Sequence[Layer], k: int) -> float:
+    """σ times the mean path since the last scattering of light that leaves layer k, both ways; 1 at most.
+
+    Traced backwards segment by segment; the outer faces mirror.
+    """
+    paths = []
+    for step in (1, -1):  # into the layer, downwards: what leaves by its top; upwards: by its bottom
+        at, step, left, path = k, step, 1.0, 0.0
+        while left > 1e-12:
+            sigma, crossing = layers[at].sigma_t_prime, SLANT * layers[at].thickness
+            path += left * (1 - np.exp(-sigma * crossing)) / sigma
+            left *= np.exp(-sigma * crossing)
+            if 0 <= at + step < len(layers):
+                at += step
+            else:
+                step = -step
+        paths.append(path)
+    return min(layers[k].sigma_t_prime * float(np.mean(paths)), 1.0)
+
+
 def collided(
     layers: Sequence[Layer], s: Array, scattering: bool = True, cosine: float = 1.0
 ) -> tuple[Array, Array]:
@@ -64,10 +90,10 @@ def collided(
     R, T = [], []
     for frequency in np.atleast_1d(s):
         regions = []
-        for layer, (rate, beam) in zip(layers, beams(layers, cosine)):
+        for k, (layer, (rate, beam)) in enumerate(zip(layers, beams(layers, cosine))):
             sigma = layer.sigma_t_prime
             D = mu**2 / sigma
-            M = np.diag(sigma + frequency**2 * D)
+            M = np.diag(sigma + frequency**2 * spread_aside(layers, k) * D)
             if scattering:
                 M = M - layer.sigma_s_prime * np.outer(np.ones(2), w)
 

@@ -104,6 +104,16 @@ STACKS: dict[str, list[Layer]] = {
     "eta 1.4, 1.2, 1.3 mm": [Layer(0.01, 2.0, 0.3, eta=1.4), Layer(0.02, 2.0, 1.0, eta=1.2)],
     "eta 1.5, 1.1, 1.3 mm": [Layer(0.01, 2.0, 0.3, eta=1.5), Layer(0.02, 2.0, 1.0, eta=1.1)],
     "eta 1, 1.5, 1.3 mm": [Layer(0.02, 2.0, 1.0), Layer(0.01, 2.0, 0.3, eta=1.5)],
+    "clear .05 mm on skin1 red": [Layer(0.0, 0.0, 0.05, eta=1.3), Layer(0.032, 0.74, eta=1.3)],
+    "clear .5 mm on skin1 red": [Layer(0.0, 0.0, 0.5, eta=1.3), Layer(0.032, 0.74, eta=1.3)],
+    "clear .2 mm, eta 1.5 on 1.3": [Layer(0.0, 0.0, 0.2, eta=1.5), Layer(0.032, 0.74, eta=1.3)],
+    "clear .2 mm between, eta 1.4": [
+        Layer(0.02, 2.0, 0.3, eta=1.4),
+        Layer(0.0, 0.0, 0.2, eta=1.4),
+        Layer(0.05, 1.5, eta=1.4),
+    ],
+    "eta 1.3, 0 mm, on 1.5": [Layer(0.01, 1.0, 0.0, eta=1.3), Layer(0.1, 1.0, eta=1.5)],
+    "eta 1.5, 0 mm, on 1.3": [Layer(0.01, 1.0, 0.0, eta=1.5), Layer(0.1, 1.0, eta=1.3)],
 }
 
 

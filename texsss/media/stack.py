@@ -20,7 +20,9 @@ class Layer:
     """A medium of some thickness.
 
     `thickness` [mm]: a number, one value per channel, or a map (H, W) or (H, W, C); infinite unless
-    given. 0 is allowed and means that the layer is absent there.
+    given. 0 is allowed and means that its matter is absent there: it neither absorbs nor scatters. Its
+    refractive index, the same everywhere, still bends the light that enters, as a film's does; what gets
+    out is left to the indices beneath, so that nothing jumps at 0.
     Raises DomainError: for a negative or NaN thickness, or an infinite one within a map.
     """
 

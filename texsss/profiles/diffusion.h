@@ -13,16 +13,15 @@ struct Diffusion {
   V out;
   bool mirrored;
 
-  // `ends`: admittances of the near and the far face
-  void prepare(const Layers& given, const Lights& lights, bool endless, const double* ends) {
+  void prepare(const Layers& given, const Lights& lights, bool endless) {
     const int L = int(given.size());
     layers.resize(L), mirrored = !endless;
-    V below = all(float(ends[1]));
+    V below = all(float(given[L - 1].index.outlet));
     for (int k = L - 1; k >= 0; k--) {
       const Layer& layer = given[k];
       Diffusive& here = layers[k];
       V per = inverse(layer.sigma), D = (2 - layer.sigma_s * per) * per * (1 / 3.f);
-      V rate = layer.sigma_a * inverse(D) + TINY, flux = D * float(layer.eta * layer.eta);
+      V rate = layer.sigma_a * inverse(D) + TINY, flux = D * float(layer.index.eta * layer.index.eta);
       here.endless = endless && k == L - 1;
       for (int j = 0; j < BEAMS; j++) {
         const Light& light = lights[k * BEAMS + j];
@@ -38,7 +37,7 @@ struct Diffusion {
       here.d2 = d * d, here.rate = rate * here.d2 + 1e-30f, here.into = below * d * inverse(flux);
       below = flux / d;
     }
-    out = below / float(ends[0]);
+    out = below / float(given[0].index.outlet);
   }
 
   // Of N frequencies, step by step side by side: what one waits for another computes

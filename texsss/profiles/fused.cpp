@@ -17,8 +17,8 @@ struct Header {
 struct Asked {
   Header h;
   std::vector<double> etas;
+  const double* outlets;  // admittances of a face of every layer
   Direction directions[BEAMS], level[BEAMS];
-  const double* ends;
   std::vector<Exit> exits[2], straight;  // as seen from above, and from below
   const Parameters* sets[2];
 
@@ -30,6 +30,7 @@ struct Asked {
     };
     const double* given = next(h.layers);
     etas.assign(given, given + h.layers);
+    outlets = next(h.layers);
     for (Direction& direction : directions) {
       const double* from = next(4);
       direction.share = float(from[1]), direction.top = float(from[2]), direction.bottom = float(from[3]);
@@ -39,7 +40,6 @@ struct Asked {
     const std::vector<double> outer(h.layers, etas[0]);
     for (int j = 0; j < BEAMS; j++)
       level[j] = {directions[j].share, 0, 0, std::vector<float>(h.layers, directions[j].cosines[0])};
-    ends = next(2);
     for (int side = 0; side < 2; side++) {
       std::vector<double> seen = etas;
       if (side) seen.assign(etas.rbegin(), etas.rend());
@@ -74,7 +74,7 @@ struct Solver {
     const Layers& seen = h.below ? below : layers;
     const Lights& falling = h.below ? beneath : lights;
     if (!h.sp3) {
-      diffusion.prepare(seen, falling, endless, asked.ends);
+      diffusion.prepare(seen, falling, endless);
       return;
     }
     if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
@@ -95,7 +95,7 @@ struct Solver {
   void prepare_truly() {
     unreduced = layers;
     for (Layer& layer : unreduced)
-      layer = layer_of(layer.sigma_a, layer.sigma_s / (1 - layer.g), layer.g, layer.d, layer.eta);
+      layer = layer_of(layer.sigma_a, layer.sigma_s / (1 - layer.g), layer.g, layer.d, layer.index);
     light_in(unreduced, endless, asked.directions, unreduced_lights);
     if (h.below) {
       const Layers from = unreduced;
@@ -199,7 +199,7 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
         const float* first = fields[f] + start * strides[3 * f] + k * strides[3 * f + 1];
         found[f] = (V)gathered((const int32_t*)first, from[f]);
       }
-      solver.layers[k] = layer_of(found[0], found[1] * (1 - found[2]), found[2], found[3], asked.etas[k]);
+      solver.layers[k] = layer_of(found[0], found[1] * (1 - found[2]), found[2], found[3], {asked.etas[k], asked.outlets[k]});
     }
     solver.prepare();
     solver.spectrum(s, spectrum.data());

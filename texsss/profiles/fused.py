@@ -47,11 +47,9 @@ class Fused:
         self.ready = True
         self._weigh = found.weigh
         self._weigh.restype = None
-        numbers: list[float] = list(etas)
+        numbers = [*etas, *map(admittance, etas)]
         for cosine, share in directions:
             numbers += [cosine, share, *mirrors(etas, cosine)]
-        ends = [admittance(eta) for eta in (etas[0], etas[-1])]
-        numbers += ends[::-1] if below else ends
         leaving, sets = (), ()
         for near, far in ((etas[0], etas[-1]), (etas[-1], etas[0])) if two else ():
             leaving = exits(near, far)

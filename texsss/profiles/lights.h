@@ -9,14 +9,18 @@
 constexpr int BEAMS = DIRECTIONS;  // of incident light: the one macro that the build sets
 constexpr float FAR = 40, DEEP = 1e5f, CLEAR = 1e-6f, TINY = 1e-24f, THIN = 0.5f;  // below THIN there are series
 
+// What is the same in all columns of a layer: its index, and the admittance of a face of that
+struct Index {
+  double eta, outlet;
+};
 struct Layer {
   V sigma_a, sigma_s, sigma, g, d;
-  double eta;
+  Index index;
 };
 typedef std::vector<Layer> Layers;
-static inline Layer layer_of(V sigma_a, V sigma_s, V g, V d, double eta) {
+static inline Layer layer_of(V sigma_a, V sigma_s, V g, V d, Index index) {
   V sigma = greater(sigma_a + sigma_s, all(CLEAR));
-  return {sigma_a, sigma_s, sigma, g, lesser(d, DEEP * inverse(sigma)), eta};
+  return {sigma_a, sigma_s, sigma, g, lesser(d, DEEP * inverse(sigma)), index};
 }
 
 struct Direction {

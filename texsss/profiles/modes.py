@@ -42,6 +42,7 @@ class Sheet(NamedTuple):
 
     d: Tensor  # [mm] (1, N)
     d2: Tensor
+    aside: Tensor  # d² times the share of D by which light spreads along the layer
     rays: tuple[Ray, ...]
     one: Tensor  # numbers, as tensors: addcmul takes no others
     two: Tensor
@@ -67,10 +68,11 @@ def ray_of(light, d):
 
 
 @no_type_check
-def sheet_of(d, rays):
-    """A layer of thickness `d` (1, N) with the light in it."""
+def sheet_of(d, rays, aside=1.0):
+    """A layer of thickness `d` (1, N) with the light in it, which spreads along it by `aside` of D."""
     d = d + THIN
-    return Sheet(d, d * d, rays, d.new_full((), 1.0), d.new_full((), 2.0))
+    d2 = d * d
+    return Sheet(d, d2, d2 * aside, rays, d.new_full((), 1.0), d.new_full((), 2.0))
 
 
 @no_type_check

@@ -4,6 +4,8 @@
 
 #include "lights.h"
 
+constexpr float SLANT = 6, OWN = 4;  // films.py
+
 struct Modes {
   double mu[2], b[2], gamma[2], delta[2], w[2];
 };
@@ -26,6 +28,7 @@ struct Face {
     slab = slab_;
     const Layer& first = layers[turned ? L - 1 : 0];
     V thick = !slab && L == 1 ? first.sigma : first.sigma * (first.d + 1e-15f);
+    thick *= let_out(layers, turned);
     for (int m = 0; m < 2; m++) {
       base[m] = float(1 / (modes.mu[m] * modes.mu[m])), gamma[m] = float(modes.gamma[m]), delta[m] = float(modes.delta[m]);
       loss[m] = thick * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
@@ -35,6 +38,26 @@ struct Face {
       const Layer& layer = layers[turned ? L - 1 - k : k];
       felt[k] = {layer.sigma, 3 * layer.sigma * layer.d, 8 * layer.d};
     }
+  }
+
+  // What it lets out of the light beneath, over what it would if its own layer were thick
+  V let_out(const Layers& layers, bool turned) const {
+    const int L = int(layers.size());
+    const double own = layers[turned ? L - 1 : 0].index.outlet;
+    bool alike = true;
+    for (const Layer& layer : layers) alike = alike && layer.index.outlet == own;
+    if (alike) return all(1);
+    V left = all(1), found = all(TINY), whole = all(TINY);
+    for (int k = 0; k < L; k++) {
+      const Layer& layer = layers[turned ? L - 1 - k : k];
+      V share = left;
+      if (k + 1 < L || slab) {
+        Decayed fade = decayed(lesser(OWN * layer.sigma * layer.d, all(FAR)));
+        share = left * fade.gone, left *= fade.left;
+      }
+      found += share * float(layer.index.outlet / own), whole += share;
+    }
+    return found * inverse(whole);
   }
 
   // (s / σ)², σ the extinction near the face: a mean that weighs what is near
@@ -64,7 +87,7 @@ struct Sweep {
   };
   struct Level {
     bool endless;
-    V d2, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
+    V d2, aside, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
     Carried coupled[2], alone[2];
   };
   std::vector<Level> levels;
@@ -75,6 +98,7 @@ struct Sweep {
   void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set) {
     const int L = int(layers.size());
     levels.resize(L), slab = !endless, weight = float(set.weight);
+    spread_aside(layers, endless);
     for (int k = L - 1; k >= 0; k--) {
       const Layer& layer = layers[k];
       Level& here = levels[k];
@@ -82,7 +106,7 @@ struct Sweep {
       V rates[2];
       eigen(layer, set.inner, rates, here.k1, here.k2);
       V d = layer.d + 1e-15f;
-      here.d2 = d * d;
+      here.d2 = d * d, here.aside *= here.d2;
       for (int j = 0; j < BEAMS; j++) {
         const Light& light = lights[k * BEAMS + j];
         V strength = here.endless ? light.source : light.source * layer.d;
@@ -102,7 +126,8 @@ struct Sweep {
       if (k == L - 1) continue;
       const Layer& under = layers[k + 1];
       const Level& below = levels[k + 1];
-      here.ratio = layer.sigma * inverse(under.sigma) * float(under.eta / layer.eta * (under.eta / layer.eta)) * d;
+      const double step = under.index.eta / layer.index.eta;
+      here.ratio = layer.sigma * inverse(under.sigma) * float(step * step) * d;
       if (!below.endless) here.ratio /= under.d + 1e-15f;
       // k2 / k1 is the same in all layers, so that both of the diagonal are one
       V own = inverse(1 + below.k1 * below.k2), scale = here.ratio * inverse(1 + here.k1 * here.k2);
@@ -112,6 +137,33 @@ struct Sweep {
     }
     near.prepare(layers, false, slab, set.near);
     if (slab) far.prepare(layers, true, slab, set.far);
+  }
+
+  // Share of D by which light spreads along every layer: films.py
+  void spread_aside(const Layers& layers, bool endless) {
+    const int last = int(layers.size()) - 1, finite = endless ? last : last + 1;
+    auto crossed = [&](int k) { return decayed(lesser(SLANT * layers[k].sigma * layers[k].d, all(FAR))); };
+    V up = {}, down = {}, whole = {};
+    if (endless) {
+      up = inverse(layers[last].sigma);
+    } else {  // down, up and down again without end
+      for (int k = 0; k < finite; k++) {
+        Decayed x = crossed(k);
+        down = passed(layers[k], x, down), whole += SLANT * layers[k].sigma * layers[k].d;
+      }
+      for (int k = last; k >= 0; k--) up = passed(layers[k], crossed(k), up);
+      Decayed x = decayed(lesser(whole, all(FAR)));
+      up = (down + x.left * up) * inverse(x.gone * (1 + x.left) + TINY);
+    }
+    for (int k = finite - 1; k >= 0; k--) levels[k].aside = up = passed(layers[k], crossed(k), up);
+    down = up;
+    for (int k = 0; k < finite; k++) {
+      down = passed(layers[k], crossed(k), down);
+      levels[k].aside = lesser((levels[k].aside + down) * layers[k].sigma * 0.5f, all(1));
+    }
+  }
+  static V passed(const Layer& layer, const Decayed& crossed, V path) {
+    return crossed.gone * inverse(layer.sigma) + crossed.left * path;
   }
 
   static void eigen(const Layer& layer, const Modes& modes, V rates[2], V& k1, V& k2) {
@@ -169,7 +221,7 @@ struct Sweep {
         V left = r0 * o[0] + r1 * o[2];
         r1 = r0 * o[1] + r1 * o[3], r0 = left;
       }
-      Crossing first = crossing(one.rate + s2 * level.d2), second = crossing(two.rate + s2 * level.d2);
+      Crossing first = crossing(one.rate + s2 * level.aside), second = crossing(two.rate + s2 * level.aside);
       Lit l1 = shone(level, one, first), l2 = shone(level, two, second);
       V f1 = l1.far + r0, f2 = l2.far + r1;
       V B1 = G0 + first.c, B2 = G3 + second.c, cross = G1 * G2, q1 = G0 * B2 - cross, q2 = G3 * B1 - cross;
@@ -200,7 +252,7 @@ struct Sweep {
       }
       V part = inverse(whole), Gd = admittance * part;
       if (k + 1 < int(levels.size())) Gd *= level.ratio;
-      Crossing mode = crossing(carried.rate + s2 * level.d2);
+      Crossing mode = crossing(carried.rate + s2 * level.aside);
       Lit light = shone(level, carried, mode);
       whole = mode.c + Gd;
       response = light.near * whole + mode.k * (light.far + response * part);

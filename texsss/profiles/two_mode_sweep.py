@@ -12,6 +12,7 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
+from texsss.profiles.films import let_out, spread_aside
 from texsss.profiles.modes import LEAST, THIN, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
 from texsss.profiles.slab import TINY, added
 from texsss.types import Tensor
@@ -72,11 +73,11 @@ def prepare(layers, lights, inner, top, bottom):
     `inner`, `top`, `bottom`: parameters of the medium and of either boundary. Differentiable.
     """
     levels = []
-    for layer, beams in zip(reversed(layers), reversed(lights)):
+    for layer, beams, aside in zip(reversed(layers), reversed(lights), reversed(spread_aside(layers))):
         rates, k1, k2 = _eigen(layer, inner)
         rays = tuple(ray_of(light, layer.d) for light in beams)
-        coupled = (_carried(layer, rates[0], rays, 1 - k2), _carried(layer, rates[1], rays, 1 + k1))
-        alone = tuple(_carried(layer, (layer.sigma / mu) ** 2, rays) for mu in inner.mu)
+        coupled = tuple(_carried(layer, rate, aside, rays, y) for rate, y in zip(rates, (1 - k2, 1 + k1)))
+        alone = tuple(_carried(layer, (layer.sigma / mu) ** 2, aside, rays) for mu in inner.mu)
         into = back = ratio = None
         if levels:
             below, under = levels[-1], layers[len(layers) - len(levels)]
@@ -94,7 +95,7 @@ def prepare(layers, lights, inner, top, bottom):
 
 
 @no_type_check
-def _carried(layer, rate, rays, y=None):
+def _carried(layer, rate, aside, rays, y=None):
     """A mode with what it takes of the light: `y` times all of it."""
     if y is not None:
         rays = tuple(
@@ -102,7 +103,7 @@ def _carried(layer, rate, rays, y=None):
         )
     if layer.d is None:
         return Carried(rate, None, rays)
-    sheet = sheet_of(layer.d, rays)
+    sheet = sheet_of(layer.d, rays, aside)
     return Carried(rate * sheet.d2 + LEAST, sheet, rays)
 
 
@@ -126,6 +127,8 @@ def _eigen(layer, modes):
 def _face(layers, modes):
     sigma = layers[0].sigma
     thick = sigma if layers[0].d is None else sigma * (layers[0].d + THIN)
+    if len({layer.eta for layer in layers}) > 1:
+        thick = thick * let_out(layers)
 
     def numbers(a, b):
         return sigma.new_full((), a), sigma.new_full((), b)
@@ -254,7 +257,7 @@ def _squared(carried, s2):
     """λ² of a mode, times d² where its layer has a bottom."""
     if carried.sheet is None:
         return carried.rate + s2
-    return torch.addcmul(carried.rate, s2, carried.sheet.d2)
+    return torch.addcmul(carried.rate, s2, carried.sheet.aside)
 
 
 @no_type_check
