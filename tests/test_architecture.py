@@ -57,6 +57,7 @@ MAY_IMPORT = {
         *("curve", "estimate", "inspection", "intermediates", "io", "showing", "profiles", "transport"),
     },
     "compare": {"errors", "types", "methods", "scene", "baker", "result", "io"},
+    "depth_maps": ROOMS,
     "plot": set(),
     "shorthand": {"errors"},
     "options": {"scene", "shorthand", "io"},

@@ -6,6 +6,7 @@ _HOMES = {
     "AssetError": "errors",
     "Baked": "result",
     "Baker": "baker",
+    "Burley": "profiles.burley",
     "Cancelled": "errors",
     "ConvergenceError": "errors",
     "DomainError": "errors",
@@ -17,10 +18,20 @@ _HOMES = {
     "Stack": "media.stack",
     "TexsssError": "errors",
     "bake": "baker",
+    "bake_depths": "depth_maps",
+    "depths_of": "media.depths",
+    "fit_burley": "profiles.burley",
     "fit_gaussians": "profiles.fit",
+    "from_colour": "media.artist",
     "hankel_profiles": "profiles.hankel",
+    "human_skin": "profiles.gaussians",
+    "mix": "media.medium",
     "preset": "media.presets",
     "render": "baker",
+    "save_depths": "depth_maps",
+    "skin": "media.artist",
+    "stack_from_depths": "media.depths",
+    "to_colour": "media.artist",
 }
 
 __all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

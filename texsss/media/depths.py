@@ -14,9 +14,9 @@ ROUNDING = 1e-3  # beyond 0..1, of values that were resampled
 
 
 def stack_from_depths(
-    textures: Sequence[Float[Tensor, "H W D"]],
+    textures: Sequence[Float[Tensor, "H W _"]],
     media: Sequence[Medium],
-    range_mm: tuple[float, float],
+    range_mm: tuple[float | int, float | int],
     *,
     invert: bool = False,
     infinite: bool = False,
@@ -94,16 +94,24 @@ def in_order(
 
 
 def depths_of(
-    stack: Stack, range_mm: tuple[float, float], *, invert: bool = False
+    stack: Stack, range_mm: tuple[float | int, float | int], *, invert: bool = False
 ) -> list[Float[Tensor, "H W 4"]]:
     """RGBA depth textures of the finite layers of `stack`, the inverse of `stack_from_depths`.
 
     Depths beyond `range_mm` are clamped to it; channels without a layer repeat the last. Of thickness
     per channel the mean is taken. Uniform stacks give textures of one texel.
     """
-    low, high = range_mm
-    if not 0 <= low < high:
-        raise DomainError(f"Depth texture: expected a range 0 <= low < high [mm], got {low:g}..{high:g}.")
+    values = scaled(boundaries(stack), range_mm, invert)
+    missing = -values.shape[-1] % 4
+    values = torch.cat([values, values[..., -1:].expand(*values.shape[:2], missing)], -1)
+    return list(values.split(4, -1))
+
+
+def boundaries(stack: Stack) -> Float[Tensor, "H W L"]:
+    """Depth [mm] of the lower boundary of every finite layer; of thickness per channel the mean.
+
+    Raises ShapeError: without any.
+    """
     thickness = stack.table().thickness.mean(-1)
     thickness = thickness[..., : len(stack.layers) - (stack.layers[-1].thickness is None)]
     if thickness.shape[-1] == 0:
@@ -111,9 +119,15 @@ def depths_of(
             "Depth texture: expected at least one finite layer, got none; an infinite one has no depth."
         )
     depth = torch.cumsum(thickness, -1)
+    return depth if depth.ndim == 3 else depth[None, None]
+
+
+def scaled(
+    depth: Float[Tensor, "H W L"], range_mm: tuple[float | int, float | int], invert: bool
+) -> Float[Tensor, "H W L"]:
+    """Depths [mm] as values 0..1 of `range_mm`, clamped to it. Raises DomainError: for no such range."""
+    low, high = range_mm
+    if not 0 <= low < high:
+        raise DomainError(f"Depth texture: expected a range 0 <= low < high [mm], got {low:g}..{high:g}.")
     values = ((depth - low) / (high - low)).clamp(0, 1)
-    values = 1 - values if invert else values
-    values = values if values.ndim == 3 else values[None, None]
-    missing = -values.shape[-1] % 4
-    values = torch.cat([values, values[..., -1:].expand(*values.shape[:2], missing)], -1)
-    return list(values.split(4, -1))
+    return 1 - values if invert else values
