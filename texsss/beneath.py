@@ -1,7 +1,7 @@
 """Layered textures of a scene: what lies beneath the surface, seen from here."""
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 
@@ -43,7 +43,7 @@ class Beneath(Hierarchy):
             )
         _ = self.source_uv
         named = [spec.opacity, *(value for layer in spec.layers for value in (layer.base, layer.opacity))]
-        return {name: self.image(name) for name in sorted({n for n in named if isinstance(n, str)})}
+        return {name: self.continued(name) for name in sorted({n for n in named if isinstance(n, str)})}
 
     @cached_property
     def inner(self) -> Kept:
@@ -85,9 +85,16 @@ class Beneath(Hierarchy):
                 "Scene: methods.parallax.opacity: expected a number or a map, as there is no albedo map to "
                 "take it from; 0.5 lets half through."
             )
-        photograph = self.surface_maps[albedo]
-        make = lambda: opacity_from_photograph(photograph.value.expand(-1, -1, 3))  # noqa: E731
-        return self.stage("beneath", make, photograph)
+        photograph, around = self.surface_maps[albedo], self.beyond(albedo)
+
+        def make():
+            image = photograph.value.expand(-1, -1, 3)
+            if around is None:
+                return opacity_from_photograph(image)
+            charts = around.value
+            return charts.continued(opacity_from_photograph(charts.continued(image), blur=charts.smoothed))
+
+        return self.stage("beneath", make, photograph, around)
 
     @cached_property
     def layer_light(self) -> Kept:
@@ -139,7 +146,7 @@ class Beneath(Hierarchy):
     ) -> Float[Tensor, "P 3"]:
         (mesh, _), surface = self.mesh.value, self.scene.material.surface
         frame, jacobian = points.frame(mesh, self.source_uv), points.jacobian(mesh, self.source_uv)
-        bent = self.normals_at(points)
+        bent, onward = self.normals_at(points), self.onward
         local = frame[:, 2] if bent is None else bent
         outer = torch.ones_like(light[0])
         if surface.albedo is not None:
@@ -162,4 +169,5 @@ class Beneath(Hierarchy):
             light[0],
             self.inner.value,
             light[1:],
+            across=None if onward is None else partial(onward.value.at, points),
         )

@@ -11,6 +11,8 @@ from texsss.light.visibility import Occluder
 from texsss.scene import Scene
 from texsss.stages import Stages
 from texsss.surface.atlas import make_atlas
+from texsss.surface.beyond import beyond
+from texsss.surface.onward import Onward
 from texsss.surface.raster import rasterise
 from texsss.surface.topology import closed_volume, components, shared_edges
 from texsss.types import Cancel, Float, Progress, Tensor
@@ -111,6 +113,27 @@ class Ground(Stages):
         spec = self.scene.maps[name]
         depends = resolve.digest(spec.source, self.assets), spec.space, spec.channel
         return self.stage("maps", lambda: resolve.load_map(spec, self.assets, self.sandbox), *depends)
+
+    def continued(self, name: str) -> Kept:
+        """A map by its name, what lies across the seams of the mesh beside its charts."""
+        image, around = self.image(name), self.beyond(name)
+        if around is None:
+            return image
+        return self.stage("maps", lambda: around.value.continued(image.value), image, around)
+
+    def beyond(self, name: str) -> Kept | None:
+        """What lies beside the charts of a map; None when the mesh has none."""
+        onward, size = self.onward, tuple(self.image(name).value.shape[:2])
+        if onward is None:
+            return None
+        return self.stage("seams", lambda: beyond(onward.value, size, self.cancel), self.mesh, *size)
+
+    @cached_property
+    def onward(self) -> Kept | None:
+        """Where lines in the author's texture coordinates lead; None when the mesh has none."""
+        mesh, _ = self.mesh.value
+        uv = mesh.source_uv
+        return None if uv is None else self.stage("seams", lambda: Onward(mesh, uv), self.mesh)
 
     @cached_property
     def source_uv(self) -> Float[Tensor, "F 3 2"]:

@@ -60,6 +60,16 @@ class Matter(Ground):
         return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
 
     @cached_property
+    def marched_stack(self) -> Kept:
+        """The layers as a march reads them: beside charts, where it looks from within them, maps go on."""
+        scene, names = self.scene, resolve.material_maps(self.scene)
+        if not names:
+            return self.stack
+        used = {name: self.continued(name) for name in names}
+        key = content_key("stack", scene.material.layers, scene.material.depths, scene.media, used)
+        return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
+
+    @cached_property
     def ladder(self) -> Float[Tensor, " K"]:
         """Variances that serve every material on this object and atlas [mm²]."""
         texels = self.texels.value

@@ -107,7 +107,7 @@ class Run(Diffusing):
             far = self.far_side.value.thickness.clamp_max(mesh.diagonal_mm)
             thickness = texels.to_image(far[:, None])
         return scattered_once(
-            self.stack.value,
+            self.marched_stack.value,
             mesh,
             self.planes.value,
             self.lamps,

@@ -15,6 +15,7 @@ STAGE_VERSIONS = {
     "atlas": 1,
     "texels": 1,
     "maps": 1,
+    "seams": 1,
     "albedo": 1,
     "sites": 1,
     "curvature": 1,
@@ -30,11 +31,11 @@ STAGE_VERSIONS = {
     "exchange": 1,
     "echo": 1,
     "exitance": 1,
-    "beneath": 1,
+    "beneath": 2,
     "planes": 2,
     "camera": 1,
     "sights": 4,
-    "picture": 8,
+    "picture": 9,
 }
 """Raised whenever a stage's result changes for the same inputs, so that nothing stale is reused."""
 

@@ -1,6 +1,6 @@
 """Layered textures with depth parallax: an outer layer to look through, inner ones that shift."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -9,6 +9,9 @@ from torch.nn.functional import interpolate
 from texsss.errors import DomainError, ShapeError
 from texsss.numerics.sampling import Texture, bilinear
 from texsss.types import Float, Tensor, unit
+
+Blur = Callable[[Float[Tensor, "H W C"], float], Float[Tensor, "H W C"]]
+"""A Gaussian blur of an image by a deviation [texels]."""
 
 LEAST_DOWN = 0.05  # of the transmission vector's z: at grazing angles the shift stays finite
 
@@ -59,6 +62,7 @@ def shade_layers(
     inner: Sequence[InnerLayer],
     inner_light: Sequence[Float[Tensor, "P 3"]],
     specular: Float[Tensor, "P 3"] | None = None,
+    across: Callable[[Float[Tensor, "P 2"]], Float[Tensor, "P 2"]] | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Colour of an outer layer over inner ones, as far as it lets see through [units of the lights].
 
@@ -66,6 +70,8 @@ def shade_layers(
     frame, as rows (u, v) × columns (T, B). `view`, `normal`: unit, tangent space. `outer` colour and
     `opacity` (1 hides what is below) of the surface, lit by `outer_light`. `inner_light`: for each
     layer of `inner`, from the surface down, the lightmap blurred for its depth. `specular` is added.
+    `across`: where the points come to when they move by as much in uv, as `Onward.at` knows of meshes with
+    seams; straight on if None.
     Seen at a grazing angle, the outer layer wins. Differentiable in all tensors.
     Raises ShapeError: when layers and lights differ in number. Source: Oat 2006; Norberg 2010, 2.2.
     """
@@ -87,7 +93,8 @@ def shade_layers(
         seen = seen * through
         depth += layer.depth_mm
         distance = depth * per_depth  # s = d / |T_z|
-        place = uv + (uv_per_mm @ (distance * down[:, :2])[..., None])[..., 0]
+        shift = (uv_per_mm @ (distance * down[:, :2])[..., None])[..., 0]
+        place = uv + shift if across is None else across(shift)
         radius = layer.spread * distance * torch.linalg.matrix_norm(uv_per_mm)[:, None] / 2**0.5
         colour = _blurred(layer, place, radius[:, 0]) * light
         if layer.opacity is None:
@@ -100,17 +107,23 @@ def shade_layers(
 
 
 def opacity_from_photograph(
-    photograph: Float[Tensor, "H W 3"], *, least: float = 0.2, most: float = 0.9, detail_texels: float = 8.0
+    photograph: Float[Tensor, "H W 3"],
+    *,
+    least: float = 0.2,
+    most: float = 0.9,
+    detail_texels: float = 8.0,
+    blur: Blur | None = None,
 ) -> Float[Tensor, "H W 1"]:
     """Opacity of a skin in `least`..`most`, from its photograph alone: pale and even is see-through.
 
     Local contrast (freckles, hairs, wrinkles; below `detail_texels`) and darkness make opaque. Linear
-    colour, tiled. Differentiable. Source: Norberg 2010, 2.2, who used filters of GIMP; ours are these.
+    colour, tiled, unless `blur` knows its charts, as `Beyond.smoothed` does. Differentiable.
+    Source: Norberg 2010, 2.2, who used filters of GIMP; ours are these.
     """
     if not 0 <= least <= most <= 1:
         raise DomainError(f"opacity: expected 0 <= least <= most <= 1, got {least:g} and {most:g}.")
     grey = _grey(photograph)
-    detail = (grey - _smoothed(grey, detail_texels)).abs()
+    detail = (grey - (_smoothed if blur is None else blur)(grey, detail_texels)).abs()
     spread = detail.mean().clamp_min(1e-6)
     rough = detail / (detail + 2 * spread)
     dark = 1 - grey / grey.amax().clamp_min(1e-6)
