@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from texsss import scene as module
 from texsss.errors import AssetError, DomainError, TexsssError
-from texsss.scene import Scene, migrate
+from texsss.profiles.two_modes import ETA_MAX
+from texsss.scene import GREATEST_ETA, Scene, migrate
 from texsss.specs import Source
 
 
@@ -141,3 +142,17 @@ def test_any_data_is_a_scene_or_a_sentence(data):
         Scene.parse(data if isinstance(data, dict) else {"mesh": data})
     except TexsssError as error:
         assert "\n" not in json.dumps(str(error))
+
+
+def test_an_index_that_the_model_is_not_fitted_to_is_refused_before_anything_is_computed():
+    """Of media that a layer has; `layered-diffusion` takes any."""
+    glass = {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 1.0, "eta": 1.8}
+    data = {"media": {"glass": glass}, "material": {"layers": [{"medium": "glass"}]}}
+    with pytest.raises(DomainError, match=r"media\.glass\.eta: expected at most 1\.6.*got 1\.8; choose"):
+        Scene.parse(data)
+    mixed = {"layers": [{"medium": {"mix": ["skin1", "glass"], "mask": "m"}}]}
+    with pytest.raises(DomainError, match=r"media\.glass\.eta"):
+        Scene.parse(data | {"material": mixed, "maps": {"m": {"source": "m.png"}}})
+    Scene.parse(data | {"methods": {"profile": "layered-diffusion"}})
+    Scene.parse(data | {"material": "skin1"})
+    assert GREATEST_ETA == {"layered-sp3": ETA_MAX}

@@ -5,6 +5,7 @@ name. `resolve.py` turns it into tensors.
 """
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -60,6 +61,7 @@ class _Told(type(Model)):
             raise DomainError(one_sentence(error, fields)) from None
 
 
+GREATEST_ETA = {"layered-sp3": 1.6}  # by methods.profile; others take any
 MOST_NAMES = 256  # maps or media of a scene
 MOST_TOLD = 20  # of them in a message
 
@@ -91,6 +93,20 @@ class Scene(Model, metaclass=_Told):
         if not isinstance(data, dict) or "mesh" in data:
             return data
         return _filled(data, DEFAULT_OBJECT)
+
+    @model_validator(mode="after")
+    def _model_knows_index(self) -> "Scene":
+        most = GREATEST_ETA.get(self.methods.profile, math.inf)
+        for layer in self.material.layers:
+            names = layer.medium.mix if isinstance(layer.medium, Mix) else (layer.medium,)
+            for name in names:
+                if name in self.media and self.media[name].eta > most:
+                    raise ValueError(
+                        f"media.{name}.eta: expected at most {most:g}, which methods.profile "
+                        f"{self.methods.profile!r} is fitted to, got {self.media[name].eta:g}; "
+                        "choose 'layered-diffusion' for it"
+                    )
+        return self
 
     @model_validator(mode="after")
     def _names_exist(self) -> "Scene":

@@ -10,6 +10,7 @@ from texsss.media.medium import Medium
 from texsss.media.phase import henyey_greenstein, schlick
 from texsss.media.presets import preset
 from texsss.media.stack import Stack
+from texsss.profiles.hankel import hankel_profiles
 
 
 def test_colour_and_mean_free_path_come_back():
@@ -70,6 +71,26 @@ def test_depth_textures_come_back():
     assert len(layered.layers) == 9 and layered.table().bottomless
     ends = torch.cat([layer.thickness for layer in layered.layers[:8]], -1).cumsum(-1)
     torch.testing.assert_close(ends, torch.cat([texture, texture], -1).sort(-1).values.to(ends) * 2)
+
+
+def test_boundaries_that_touch_leave_no_layer_between():
+    """One layer, equal depths, and all at the surface: thickness 0, and a stack that profiles take."""
+    media = [preset("skin1")] * 4
+    (one,) = stack_from_depths([torch.full((1, 1, 1), 0.25)], media[:1], (0.0, 2.0)).layers
+    assert float(one.thickness) == 0.5
+    equal = stack_from_depths([torch.full((2, 2, 4), 0.5)], media, (0.0, 2.0))
+    assert equal.table().thickness[0, 0, :, 0].tolist() == [1.0, 0.0, 0.0, 0.0]
+    (back,) = depths_of(equal, (0.0, 2.0))
+    assert bool((back == 0.5).all())
+    nothing = stack_from_depths([torch.zeros(1, 1, 4)], media, (0.0, 2.0))
+    R, _ = hankel_profiles(nothing, torch.zeros(1))
+    assert float(R.abs().max()) == 0
+    flat = stack_from_depths([torch.rand(1, 1, 4)], media, (1, 1))
+    assert flat.table().thickness[0, 0, :, 0].tolist() == [1.0, 0.0, 0.0, 0.0]
+    hole = torch.full((2, 2, 4), 0.5)
+    hole[1, 1, 2] = torch.nan
+    with pytest.raises(DomainError, match=r"0\.\.1.*nan"):
+        stack_from_depths([hole], media, (0.0, 2.0))
 
 
 def test_depth_textures_need_a_range_and_channels():

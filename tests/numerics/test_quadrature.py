@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from texsss.errors import DomainError
-from texsss.numerics.exponentials import relexp, relmin
+from texsss.numerics.exponentials import relexp
 from texsss.numerics.hankel import inverse_hankel, within
 from texsss.numerics.quadrature import gauss_legendre, gauss_weighted, graded
 
@@ -38,12 +38,6 @@ def test_quotients_of_exponentials(dtype):
     argument = x.clone().requires_grad_()
     relexp(argument).sum().backward()
     assert abs(float(argument.grad[0]) + 0.5) < 1e-6 and bool(torch.isfinite(argument.grad).all())
-
-
-def test_relmin_never_overflows():
-    p, q, d = (torch.tensor(v, dtype=torch.float32) for v in (1.0, 21.0, 8.0))
-    exact = (np.exp(-8.0) - np.exp(-168.0)) / 20 / 8
-    assert abs(float(relmin(p, q, d)) / exact - 1) < 1e-5
 
 
 def test_inverse_hankel_of_known_pairs():

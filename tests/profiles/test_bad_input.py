@@ -11,6 +11,7 @@ from texsss.media.medium import Medium
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles.advice import advice
+from texsss.profiles.fit import fit_gaussians
 from texsss.profiles.hankel import MODELS, hankel_profiles
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.weights import weights_for
@@ -36,6 +37,11 @@ SKIN = preset("skin1")
         (lambda: stack_from_depths([torch.full((2, 2, 4), 128.0)], [SKIN], (0.1, 2.0)), "0..1.*by 255"),
         (lambda: stack_from_depths([torch.full((2, 2, 4), math.nan)], [SKIN], (0.1, 2.0)), "0..1.*nan"),
         (lambda: variance_ladder(0.0, 100.0), "texel_mm > 0"),
+        (lambda: weights_for(SKIN, torch.tensor([-1.0, 4.0])), "variances >= 0.*-1.0"),
+        (lambda: weights_for(SKIN, torch.tensor([math.nan, 4.0])), "variances >= 0.*nan"),
+        (lambda: weights_for(SKIN, torch.tensor([1.0, math.inf])), "finite variances.*inf"),
+        (lambda: fit_gaussians(SKIN, terms=4, fit="grid"), "terms=None with fit='grid', got 4"),
+        (lambda: fit_gaussians(SKIN, torch.tensor([1.0, 4.0]), terms=3), "as many terms as variances, got 3"),
     ],
 )
 def test_values_that_mean_nothing_are_refused(build, says):

@@ -5,7 +5,7 @@ import math
 import torch
 
 from texsss.errors import DomainError
-from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero, home
+from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero, expect, home, number
 from texsss.media.stack import Layer, Stack
 from texsss.types import Float, Tensor
 
@@ -18,6 +18,7 @@ def from_colour(colour: Coefficient, mean_free_path: Coefficient, g: float = 0.0
     Differentiable. Raises DomainError: outside 0..1, or for a mean free path not above zero.
     Source: d'Eon 2021, A Hitchhiker's Guide to Multiple Scattering, as OpenPBR 1.1 prints it.
     """
+    g = number("from_colour.g", g)
     if not -1 < g < 1:
         raise DomainError(f"from_colour: expected -1 < g < 1, got {g:g}; 0 scatters alike in all directions.")
     dtype, device = home((colour, mean_free_path))
@@ -42,6 +43,7 @@ def to_colour(medium: Medium) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."
 
     The inverse of `from_colour`, to 1e-4. Differentiable but at no absorption. Source: d'Eon 2021.
     """
+    expect("to_colour", medium, Medium, "a medium")
     s = torch.sqrt(1 - medium.albedo_prime)
     return (1 - s) * (1 - 0.139 * s) / (1 + 1.17 * s), 1 / medium.sigma_t
 

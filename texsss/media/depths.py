@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.media.medium import Medium
+from texsss.media.medium import Medium, expect, told
 from texsss.media.stack import Layer, Stack
 from texsss.types import Float, Tensor
 
@@ -30,9 +30,12 @@ def stack_from_depths(
     the boundaries of every texel in order. `infinite`: one more medium lies beneath all. `names` of the
     channels, for messages. Differentiable.
     Raises ShapeError: for sizes that differ or too few channels; DomainError: for a range that is none,
-    values that are not 0..1, or a channel that lies above the one before it, unless they are sorted.
+    values that are not 0..1, a channel that lies above the one before it, unless they are sorted, and for
+    what is no image or medium.
     """
-    low, high = range_mm
+    low, high = _ends(range_mm)
+    for given, what in ((textures, "a list of images"), (media, "a list of media")):
+        expect("Depth texture", given, (list, tuple), what)
     if not (0 <= low <= high and high < float("inf")):
         raise DomainError(
             f"Depth texture: expected a range 0 <= low <= high [mm], got {low:g}..{high:g}; "
@@ -40,13 +43,27 @@ def stack_from_depths(
         )
     if not textures:
         raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
+    for texture in textures:
+        expect("Depth texture", texture, Tensor, "images as tensors (H, W, channels)")
+        if texture.ndim != 3 or 0 in texture.shape:
+            raise ShapeError(
+                f"Depth texture: expected images (H, W, channels), got shape {tuple(texture.shape)}; "
+                "add an axis to a grey one: image[..., None]."
+            )
+    for medium in media:
+        expect("Depth texture", medium, Medium, "media, one per layer")
     sizes = {tuple(t.shape[:2]) for t in textures}
     if len(sizes) != 1:
         listed = " and ".join(f"{width} × {height}" for height, width in sorted(sizes))
         raise ShapeError(f"Depth texture: expected images of one size, got {listed}; resize them.")
     values = torch.cat(list(textures), -1)
     finite = len(media) - infinite
-    if not 0 < finite <= values.shape[-1]:
+    if finite < 1:
+        raise ShapeError(
+            f"Depth texture: expected media for one layer at least{', and one beneath' if infinite else ''}, "
+            f"got {len(media)}; add media."
+        )
+    if finite > values.shape[-1]:
         raise ShapeError(
             f"Depth texture: expected one channel for each of {finite} layers, got {values.shape[-1]}; "
             "add an image."
@@ -101,6 +118,7 @@ def depths_of(
     Depths beyond `range_mm` are clamped to it; channels without a layer repeat the last. Of thickness
     per channel the mean is taken. Uniform stacks give textures of one texel.
     """
+    stack = stack if isinstance(stack, Stack) else Stack(stack)
     values = scaled(boundaries(stack), range_mm, invert)
     missing = -values.shape[-1] % 4
     values = torch.cat([values, values[..., -1:].expand(*values.shape[:2], missing)], -1)
@@ -126,8 +144,20 @@ def scaled(
     depth: Float[Tensor, "H W L"], range_mm: tuple[float | int, float | int], invert: bool
 ) -> Float[Tensor, "H W L"]:
     """Depths [mm] as values 0..1 of `range_mm`, clamped to it. Raises DomainError: for no such range."""
-    low, high = range_mm
-    if not 0 <= low < high:
+    low, high = _ends(range_mm)
+    if not 0 <= low < high < float("inf"):
         raise DomainError(f"Depth texture: expected a range 0 <= low < high [mm], got {low:g}..{high:g}.")
     values = ((depth - low) / (high - low)).clamp(0, 1)
     return 1 - values if invert else values
+
+
+def _ends(range_mm: tuple[float | int, float | int]) -> tuple[float, float]:
+    """The two numbers of a range. Raises DomainError: for something else."""
+    try:
+        low, high = (float(end) for end in range_mm)
+    except (TypeError, ValueError):
+        raise DomainError(
+            f"Depth texture: expected a range of two numbers (low, high) [mm], got {told(range_mm)}; "
+            "it says how deep black and white are."
+        ) from None
+    return low, high

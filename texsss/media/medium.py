@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import torch
 
@@ -35,6 +37,7 @@ class Medium:
     eta: float
 
     def __init__(self, sigma_a: Coefficient, sigma_s: Coefficient, g: Coefficient = 0.0, eta: float = 1.3):
+        eta = number("Medium.eta", eta)
         given = {"sigma_a": sigma_a, "sigma_s": sigma_s, "g": g}
         dtype, device = home(given.values())
         values = {name: as_map(f"Medium.{name}", value, dtype, device) for name, value in given.items()}
@@ -63,7 +66,7 @@ class Medium:
                 f"Medium: expected a finite eta >= 1, got {eta:g}; eta is the index inside / outside, "
                 "1 to blend in and 1.3 to 1.5 for most materials."
             )
-        for name, value in {**values, "eta": float(eta)}.items():
+        for name, value in {**values, "eta": eta}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -144,6 +147,8 @@ def mix(first: Medium, second: Medium, mask: Coefficient) -> Medium:
     number or map of the size of the media's own maps. Raises DomainError: when the mask leaves 0..1
     or the indices differ; ShapeError: when maps differ in size.
     """
+    for medium in (first, second):
+        expect("mix", medium, Medium, "two media")
     if first.eta != second.eta:
         raise DomainError(
             f"mix: expected media of one refractive index, got eta {first.eta:g} and {second.eta:g}; "
@@ -164,9 +169,13 @@ def mix(first: Medium, second: Medium, mask: Coefficient) -> Medium:
 def as_map(name: str, value: Coefficient, dtype: torch.dtype, device: torch.device) -> Tensor:
     """`value` as (1,), (C,), (H, W, 1) or (H, W, C) in `dtype`. Raises ShapeError or DomainError."""
     try:
+        if isinstance(value, Tensor) and value.is_complex():
+            raise TypeError("a real number is meant")
         x = torch.as_tensor(value, dtype=dtype, device=device)
     except (TypeError, ValueError, RuntimeError) as e:
-        raise DomainError(f"{name}: expected a number, a list of numbers or a tensor, got {value!r}.") from e
+        raise DomainError(
+            f"{name}: expected a number, a list of numbers or a tensor, got {told(value)}; pass one of these."
+        ) from e
     if x.ndim > 3 or x.numel() == 0:
         raise ShapeError(
             f"{name}: expected a number, (C,), (H, W) or (H, W, C), got shape {tuple(x.shape)}; "
@@ -178,6 +187,29 @@ def as_map(name: str, value: Coefficient, dtype: torch.dtype, device: torch.devi
             f"{name}: expected finite values, got NaN or infinity; clean the map or the number."
         )
     return x
+
+
+def expect(name: str, value: Any, kinds: type | tuple[type, ...], what: str) -> None:
+    """Raises DomainError unless `value` is of `kinds`, `what` in words."""
+    if not isinstance(value, kinds):
+        raise DomainError(
+            f"{name}: expected {what}, got {told(value)}; see docs/python.md for how to make one."
+        )
+
+
+def number(name: str, value: Any) -> float:
+    """`value` as a number. Raises DomainError."""
+    if isinstance(value, Real) or (isinstance(value, Tensor) and value.numel() == 1):
+        return float(value)
+    raise DomainError(f"{name}: expected one number, got {told(value)}; it is the same everywhere.")
+
+
+def told(value: Any) -> str:
+    """A value in a few words."""
+    if isinstance(value, Tensor):
+        return f"a tensor of shape {tuple(value.shape)}"
+    plain = value is None or isinstance(value, (str, bytes, Real))
+    return repr(value)[:60] if plain else f"a {type(value).__name__}"
 
 
 def check_at_least_zero(name: str, x: Tensor, unit: str) -> None:

@@ -35,7 +35,7 @@ def preset(name: str) -> Medium:
     Those of Jensen et al. 2001 are given as sigma_s' and come with g = 0; spectralon absorbs nothing.
     Raises DomainError: for an unknown name; the choices are listed.
     """
-    key = name.lower()
+    key = name.lower() if isinstance(name, str) else ""
     if key in _REDUCED:
         sigma_s, sigma_a, eta = _REDUCED[key]
         return Medium(sigma_a, sigma_s, 0.0, eta)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero, check_same_size
+from texsss.media.medium import Coefficient, Medium, as_map, check_at_least_zero, check_same_size, expect
 from texsss.numerics.sampling import bilinear
 from texsss.types import Float, Tensor
 
@@ -30,6 +30,7 @@ class Layer:
     thickness: Float[Tensor, "..."] | None
 
     def __init__(self, medium: Medium, thickness: Coefficient | None = None):
+        expect("Layer", medium, Medium, "a medium")
         if isinstance(thickness, (int, float)) and thickness == float("inf"):
             thickness = None
         if thickness is not None:
@@ -100,17 +101,19 @@ class LayerTable:
 class Stack:
     """Layers from the surface inwards; only the last may be infinite, else its bottom is free.
 
-    The refractive indices are each layer's own, relative to the outside on either side.
-    Raises ShapeError: when there is no layer, or channels differ; DomainError: when an inner layer is
-    infinite.
+    A medium stands for an endless layer of it. The refractive indices are each layer's own, relative to the
+    outside on either side. Raises ShapeError: when there is no layer, or channels differ; DomainError: when
+    an inner layer is infinite, and for what is no layer.
     """
 
     layers: tuple[Layer, ...]
 
-    def __init__(self, layers: Sequence[Layer] | Layer | Medium):
-        if isinstance(layers, Medium):
-            layers = [Layer(layers)]
-        layers = (layers,) if isinstance(layers, Layer) else tuple(layers)
+    def __init__(self, layers: Sequence[Layer | Medium] | Layer | Medium):
+        given = (layers,) if isinstance(layers, (Layer, Medium)) else layers
+        expect("Stack", given, (tuple, list), "a list of layers, a layer or a medium")
+        layers = tuple(Layer(one) if isinstance(one, Medium) else one for one in given)
+        for one in layers:
+            expect("Stack", one, Layer, "layers or media")
         if not layers:
             raise ShapeError("Stack: expected at least one layer, got none; add Layer(medium).")
         for i, layer in enumerate(layers[:-1]):

@@ -1,4 +1,4 @@
-"""Quotients and differences of exponentials that neither overflow nor cancel."""
+"""A quotient of exponentials that neither overflows nor cancels."""
 
 import torch
 
@@ -19,8 +19,3 @@ def relexp(x: Tensor) -> Tensor:
     small = x.clamp_max(_SERIES_BELOW)
     series = 1 - small / 2 * (1 - small / 3 * (1 - small / 4 * (1 - small / 5 * (1 - small / 6))))
     return torch.where(x < _SERIES_BELOW, series, -torch.expm1(-large) / large)
-
-
-def relmin(p: Tensor, q: Tensor, d: Tensor) -> Tensor:
-    """∫ e^(-p z) e^(-q (d - z)) dz / d over a layer of thickness d, for p, q, d ≥ 0."""
-    return torch.exp(-torch.minimum(p, q) * d) * relexp((p - q).abs() * d)

@@ -12,7 +12,7 @@ from texsss.types import Float, Tensor
 def egan_A(eta: float) -> float:
     """Boundary factor (1 + F_dr) / (1 - F_dr) with the polynomial fit of the diffuse reflectance.
 
-    Source: Egan et al. 1973, as in Jensen et al. 2001. The fit is 1.3 % at eta 1, where it should be 0.
+    Source: Egan et al. 1973, as in Jensen et al. 2001. Either fit is .0017 at eta 1, where 0 takes its place.
     """
     if eta < 1:
         F_dr = -0.4399 + 0.7099 / eta - 0.3319 / eta**2 + 0.0636 / eta**3

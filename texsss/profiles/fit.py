@@ -16,6 +16,7 @@ from texsss.types import Float, Tensor
 
 FITS = ("project", "grid", "optimise")
 MODEL = "layered-sp3"
+TERMS = 8
 NODES = 64
 NODES_CHECKED = 200
 STEPS = 60  # of the optimiser; the error has settled by then
@@ -25,7 +26,7 @@ LOST = 0.9  # of the total: where a profile has fallen so far, the widest Gaussi
 def fit_gaussians(
     material: Material,
     variances: Float[Tensor, " K"] | None = None,
-    terms: int = 8,
+    terms: int | None = None,
     *,
     model: str | None = None,
     scattering: str = "total",
@@ -34,7 +35,7 @@ def fit_gaussians(
     fit: str = "project",
     drop_below_mfp: float | None = None,
 ) -> GaussianSum:
-    """A profile as a sum of `terms` Gaussians whose weights add up to its total, float64.
+    """A profile as a sum of `terms` Gaussians, 8 unless told, whose weights add up to its total, float64.
 
     `variances` [mm²]: those to use; None spreads them over the scales of the profile, of all rows where it
     varies. `model`: layered-sp3 unless told. `fit`: project (linear, exact total), optimise (variances move,
@@ -53,11 +54,12 @@ def fit_gaussians(
             ("model", model or "multipole", "multipole"),
             ("scattering", scattering, "total"),
             ("variances", "some" if variances is not None else None, None),
+            ("terms", terms, None),
         ):
             if given != known:
                 raise DomainError(
                     f"fit_gaussians: expected {name}={known!r} with fit='grid', got {given!r}; "
-                    "leave it out, or take fit='project'."
+                    "leave it out, as the grid has its own, or take fit='project'."
                 )
         return grid_gaussians(table, drop_below_mfp=drop_below_mfp)[SIDES.index(side)]
     if drop_below_mfp is not None:
@@ -69,7 +71,12 @@ def fit_gaussians(
     options |= {"scattering": scattering, "incidence": incidence}
     found = list(bands(table, NODES, **options))
     if variances is None:
-        variances = _spread(found, terms)
+        variances = _spread(found, TERMS if terms is None else terms)
+    elif terms not in (None, len(variances)):
+        raise DomainError(
+            f"fit_gaussians: expected as many terms as variances, got {terms} and {len(variances)}; leave "
+            "one out."
+        )
     variances = variances.to(found[0].sampled)
     if fit == "optimise":
         variances = _optimised(variances, found)

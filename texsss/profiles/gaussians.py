@@ -44,12 +44,6 @@ class GaussianSum:
         """R̂(s) at frequencies `s` [1/mm]."""
         return torch.exp(-(s[:, None] ** 2) * self.variances / 2) @ self.weights
 
-    def convolve(self, other: "GaussianSum") -> "GaussianSum":
-        """The convolution on the plane, K1·K2 terms: variances add, weights multiply."""
-        variances = (self.variances[:, None] + other.variances[None, :]).reshape(-1)
-        product = self.weights[..., :, None, :] * other.weights[..., None, :, :]
-        return GaussianSum(variances, product.flatten(-3, -2))
-
     def radius(self, share: float = 0.99) -> Float[Tensor, "*B C"]:
         """Distance within which `share` of the light comes back [mm]. Not differentiable."""
         low = torch.zeros_like(self.total)

@@ -47,7 +47,15 @@ def frequencies(
     """Hankel frequencies [1/mm] and quadrature weights at which a profile is sampled for a ladder, float64.
 
     They reach the Nyquist frequency π / texel that belongs to the narrowest positive variance.
+    Raises DomainError: for variances that are none.
     """
+    known = isinstance(variances, Tensor) and variances.ndim == 1 and variances.numel()
+    if not known or not bool(((variances >= 0) & (variances < math.inf)).all()):
+        what = variances.tolist() if isinstance(variances, Tensor) else variances
+        raise DomainError(
+            f"Gaussians: expected a tensor (K,) of finite variances >= 0 [mm²], got {what!r:.60}; "
+            "variance_ladder makes some."
+        )
     positive = variances[variances > 0]
     narrow = float(positive.min().sqrt()) if positive.numel() else 1.0
     return graded(count, math.pi * NARROWEST_TEXELS / narrow)

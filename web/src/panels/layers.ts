@@ -185,7 +185,7 @@ export class LayersPanel {
     if (layer.by === "colour" || layer.by === "coefficients") {
       body.append(
         keep(slider(this.store, { label: "Forward g", hint: "-1: light is thrown back, 0: everywhere alike, 1: straight on", min: -0.95, max: 0.95, get: (state) => at(state).g, set: (state, value) => void (at(state).g = value), initial: () => first.g })),
-        keep(slider(this.store, { label: "Refractive index η", min: 1, max: 2, limits: [1, 3], get: (state) => at(state).eta, set: (state, value) => void (at(state).eta = value), initial: () => first.eta })),
+        keep(slider(this.store, { label: "Refractive index η", min: 1, max: 1.6, limits: [1, 3], get: (state) => at(state).eta, set: (state, value) => void (at(state).eta = value), initial: () => first.eta })),
       );
     }
     body.append(this.thickness(layer, index, keep));
