@@ -3,7 +3,8 @@
     python -m benchmarks frame [--size 512] [--repeat 5]
 
 The axolotl bends its tail; one lamp with shadows, skin1. Atlas, raster, weights and operators stay those of
-the rest pose. The march is that of every texel towards one eye, in four exact steps.
+the rest pose: `Baker.bake(scene, pose=…)` makes the light. Pictures march their pixels; here every texel is
+marched towards one eye, in four exact steps.
 """
 
 from texsss import openmp  # noqa: F401, I001  before torch
@@ -12,21 +13,23 @@ import argparse
 import math
 import time
 from collections import defaultdict
-from itertools import pairwise
 
 import torch
 
-from texsss import Baker, Scene
+from texsss import Baker, Pose, Scene
 from texsss.light.emitters import PointLight
-from texsss.light.irradiance import irradiance
 from texsss.light.visibility import Occluder
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
-from texsss.transport.bank import Bank, exitance
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes, march, planes_radius
-from texsss.transport.operators import surface_operators
 
+LAMP = {"type": "point", "position_mm": [100.0, 150.0, 200.0], "intensity_w_per_sr": [0.1, 0.1, 0.1]}
+STEPS = {
+    "positions": ("pose", "texels", "sites"),
+    "light": ("occluder", "light"),
+    "bank": ("bank", "exitance"),
+}
 SWING_MM = 20.0
 
 
@@ -45,36 +48,31 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--repeat", type=int, default=5)
     args = parser.parse_args()
-    scene = {"mesh": {"source": {"builtin": "axolotl/axolotl.obj"}}, "atlas": {"size": args.size}}
-    baked = Baker().bake(Scene.parse(scene))
-    rest, weights = baked.texels, baked.weights
-    operators = surface_operators(rest, weights.variances)
-    skin = preset("skin1")
-    interior = from_stack(Stack([Layer(skin)]))
-    lights = [PointLight(torch.tensor([100.0, 150.0, 200.0]), [0.1] * 3)]
+    mesh = {"source": {"builtin": "axolotl/axolotl.obj"}}
+    scene = Scene.parse({"mesh": mesh, "atlas": {"size": args.size}, "lights": [LAMP]})
+    baker = Baker()
+    baked, rest = baker.bake(scene), baker.mesh(scene).vertices
+    interior = from_stack(Stack([Layer(preset("skin1"))]))
+    lights = [PointLight(torch.tensor(LAMP["position_mm"]), LAMP["intensity_w_per_sr"])]
     eye = torch.tensor([150.0, 60.0, 150.0])
-    print(f"{len(rest.points)} texels of {args.size}², {len(rest.mesh.vertices)} vertices")
+    print(f"{len(baked.texels)} texels of {args.size}², {len(rest)} vertices")
     seen: dict[str, list[float]] = defaultdict(list)
     for k in range(args.repeat + 1):
-        marks = [("", time.perf_counter())]
-
-        def done(step: str, marks: list = marks) -> None:
-            marks.append((step, time.perf_counter()))
-
-        texels = rest.moved(bent(rest.mesh.vertices, 2 * math.pi * k / args.repeat))
-        done("positions")
+        start = time.perf_counter()
+        baked = baker.bake(scene, pose=Pose(bent(rest, 2 * math.pi * k / args.repeat + 0.1)))
+        done = time.perf_counter()
+        texels, occluder = baked.texels, Occluder(baked.texels.mesh)
+        fitting = time.perf_counter()
         planes = fitted_planes(texels.mesh, planes_radius(interior))
-        done("planes")
-        occluder = Occluder(texels.mesh)
-        light = irradiance(texels.points, texels.mesh, lights, eta=skin.eta, occluder=occluder)
-        done("light")
-        exitance(Bank(weights.variances, light, operators.applied(light)), weights)
-        done("bank")
+        fitted = time.perf_counter()
         march(texels.points, texels.mesh, planes, interior, lights, eye, occluder=occluder, compiled=True)
-        done("march")
-        for (_, before), (step, after) in pairwise(marks):
-            seen[step].append(after - before)
-        seen["frame"].append(marks[-1][1] - marks[0][1])
+        marched = time.perf_counter()
+        took = baked.report["seconds"]
+        for step, stages in STEPS.items():
+            seen[step].append(sum(took[stage] for stage in stages))
+        seen["planes"].append(fitted - fitting)
+        seen["march"].append(marched - fitted)
+        seen["frame"].append(done - start + marched - fitting)
     for step, seconds in seen.items():
         print(f"{step:10} {min(seconds[1:]):.3f} s")  # the first may build the loop
 

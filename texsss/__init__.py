@@ -13,6 +13,7 @@ _HOMES = {
     "GaussianSum": "profiles.gaussians",
     "Layer": "media.stack",
     "Medium": "media.medium",
+    "Pose": "surface.pose",
     "Scene": "scene",
     "ShapeError": "errors",
     "Stack": "media.stack",

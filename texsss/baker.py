@@ -17,6 +17,8 @@ from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.shelf import Shelf, users_shelf
 from texsss.showing import model, showing
+from texsss.surface.mesh import Mesh
+from texsss.surface.pose import Pose
 from texsss.types import Cancel, Float, Progress, Tensor
 from texsss.view.tonemap import tonemap
 
@@ -45,35 +47,55 @@ class Baker:
         self,
         scene: Scene,
         *,
+        pose: Pose | None = None,
         progress: Progress | None = None,
         cancel: Cancel | None = None,
         notice: Callable[[str], object] | None = None,
     ) -> Baked:
-        """The baked scene. `progress` hears (stage, fraction); `cancel` is asked between steps.
+        """The baked scene, bent if there is a `pose`. `progress` hears (stage, fraction).
 
-        `notice` hears beforehand, in a sentence, how long it will take if that is long.
+        A pose keeps atlas, texels, weights of the material and, unless it says otherwise, what carries light
+        over the surface; positions, normals, shadows, light, its bank, planes and pictures are made for it.
+        Lights and cameras placed around the mesh stay where the rest pose put them.
+        `cancel` is asked between steps. `notice` hears beforehand, in a sentence, how long it will take if
+        that is long.
         Raises Cancelled: when `cancel` says so; nothing is lost of what was already kept.
         """
-        run = self._run(scene, progress, cancel)
+        run = self._run(scene, progress, cancel, pose)
         if notice is not None and (warning := forewarning(run)):
             notice(warning)
         return run.baked()
 
     def render(
-        self, scene: Scene, *, progress: Progress | None = None, cancel: Cancel | None = None
+        self,
+        scene: Scene,
+        *,
+        pose: Pose | None = None,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
     ) -> Float[Tensor, "h w 3"]:
         """The scene's picture, linear RGB. As `bake` otherwise."""
-        return self._run(scene, progress, cancel).picture
+        return self._run(scene, progress, cancel, pose).picture
+
+    def mesh(self, scene: Scene, *, cancel: Cancel | None = None) -> Mesh:
+        """The scene's mesh [mm] at rest, whose vertices poses move."""
+        return self._run(scene, None, cancel).rest.value[0]
 
     def estimate(self, scene: Scene) -> dict[str, str]:
         """What `bake` is expected to cost, as lines to show; see `texsss.estimate`. As `bake` otherwise."""
         return described(self._run(scene, None, None))
 
     def intermediate(
-        self, scene: Scene, name: str, *, progress: Progress | None = None, cancel: Cancel | None = None
+        self,
+        scene: Scene,
+        name: str,
+        *,
+        pose: Pose | None = None,
+        progress: Progress | None = None,
+        cancel: Cancel | None = None,
     ) -> Float[Tensor, "H W C"]:
         """What lies between the stages, over the atlas; see `texsss.intermediates`. As `bake` otherwise."""
-        return intermediate(self._run(scene, progress, cancel), name)
+        return intermediate(self._run(scene, progress, cancel, pose), name)
 
     def map(self, scene: Scene, name: str, *, cancel: Cancel | None = None) -> Float[Tensor, "H W C"]:
         """A map of the scene by its name, linear. Raises DomainError: when no map has that name."""
@@ -110,13 +132,15 @@ class Baker:
         """Mesh, texture coordinates and scale of a scene, examined; see `texsss.inspection`."""
         return inspect(self._run(scene, progress, cancel), picture)
 
-    def _run(self, scene: Scene, progress: Progress | None, cancel: Cancel | None) -> Run:
+    def _run(
+        self, scene: Scene, progress: Progress | None, cancel: Cancel | None, pose: Pose | None = None
+    ) -> Run:
         if not isinstance(scene, Scene):
             raise DomainError(
                 f"Baker: expected a Scene, got a {type(scene).__name__}; "
                 "make one by Scene.load(path) or Scene.parse(data)."
             )
-        return Run(self.cache, scene, progress, cancel, self.assets, self.sandbox)
+        return Run(self.cache, scene, progress, cancel, self.assets, self.sandbox, pose)
 
 
 def lasting_shelf(size_mb: float | None = None) -> Shelf:

@@ -77,7 +77,7 @@ class Beneath(Hierarchy):
         albedo = self.scene.material.surface.albedo
         if isinstance(value, str):
             kept = self.beneath_maps[value]
-            return Kept(kept.value.mean(-1, keepdim=True), f"{kept.key} grey")
+            return kept.turned(kept.value.mean(-1, keepdim=True), "grey")
         if value is not None:
             return Kept(torch.full((1, 1, 1), value), f"opacity {value}")
         if albedo is None:
@@ -104,7 +104,7 @@ class Beneath(Hierarchy):
         """
         light, texels = self.irradiance, self.texels.value
         depths = torch.tensor([layer.depth_mm for layer in self.inner.value]).cumsum(0)
-        widths = torch.cat([depths.new_tensor([texels.texel_mm]), depths])
+        widths = torch.cat([depths.new_tensor([self.texels_at_rest.value.texel_mm]), depths])
         blur = diffusion(texels, "uv", **self.hooks("bank"))
         return self.stage("bank", lambda: blur(light.value, widths**2), light, widths, "parallax")
 

@@ -3,7 +3,7 @@
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from threading import Lock
 from typing import Any
 
@@ -15,10 +15,15 @@ from texsss.shelf import Shelf
 
 @dataclass(frozen=True)
 class Kept:
-    """A result and the key of everything it was made from."""
+    """A result and the key of everything it was made from; `passing`: it is of a pose, and others follow."""
 
     value: Any
     key: str
+    passing: bool = False
+
+    def turned(self, value: Any, how: str) -> "Kept":
+        """What was made of this alone, in a way that `how` names."""
+        return replace(self, value=value, key=f"{self.key} {how}")
 
 
 def content_key(*parts: Any) -> str:
@@ -59,23 +64,26 @@ def _feed(digest: Any, part: Any) -> None:
 
 
 class StageCache:
-    """A least-recently-used store of results, at most `max_bytes` in all.
+    """A least-recently-used store of results, at most `max_bytes` in all, an eighth of it passing ones.
 
-    `bytes_used`: of what is kept now. Tensors of results count, and what they say they hold beside them, by
-    an attribute `held_bytes`. Results that hold a tensor which requires grad are never kept: they belong to
-    one graph. Those that are to last are kept on the `shelf`, too, if there is one.
+    `bytes_used`, `bytes_passing`: of what is kept now. Tensors of results count, and what they say they hold
+    beside them, by an attribute `held_bytes`. Results that hold a tensor which requires grad are never kept:
+    they belong to one graph. Those that are to last are kept on the `shelf`, too, if there is one.
     """
 
     def __init__(self, max_bytes: int, shelf: Shelf | None = None):
         self.max_bytes, self.shelf = max_bytes, shelf
-        self._kept: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        self._kept: OrderedDict[str, tuple[Any, int, bool]] = OrderedDict()
         self._lock = Lock()
-        self.bytes_used = 0
+        self.bytes_used = self.bytes_passing = 0
 
-    def get_or_make(self, key: str, make: Callable[[], Any], *, lasts: bool = False) -> tuple[Any, bool]:
+    def get_or_make(
+        self, key: str, make: Callable[[], Any], *, lasts: bool = False, passing: bool = False
+    ) -> tuple[Any, bool]:
         """The result under `key`, made if it isn't there, and whether it had to be made.
 
-        `lasts`: whether it is worth a place on the shelf.
+        `lasts`: whether it is worth a place on the shelf. `passing`: whether many like it will follow, which
+        are not to drive out the rest.
         """
         with self._lock:
             if key in self._kept:
@@ -88,27 +96,35 @@ class StageCache:
         if not any(tensor.requires_grad for tensor in tensors):
             storages = {t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors}
             size = sum(storages.values()) + getattr(value, "held_bytes", 0)
-            self._keep(key, value, size)
+            self._keep(key, value, size, passing)
             if shelf is not None and found is None:
                 shelf.put(key, value, size)
         return value, True
 
-    def _keep(self, key: str, value: Any, size: int) -> None:
-        if size > self.max_bytes:
+    def _keep(self, key: str, value: Any, size: int, passing: bool) -> None:
+        most_passing = self.max_bytes // 8
+        if size > (most_passing if passing else self.max_bytes):
             return
         with self._lock:
-            _, before = self._kept.pop(key, (None, 0))
-            self._kept[key] = (value, size)
-            self.bytes_used += size - before
+            self._drop(key)
+            self._kept[key] = (value, size, passing)
+            self.bytes_used += size
+            self.bytes_passing += size if passing else 0
+            while self.bytes_passing > most_passing:
+                self._drop(next(name for name, (_, _, goes) in self._kept.items() if goes))
             while self.bytes_used > self.max_bytes:
-                _, (_, freed) = self._kept.popitem(last=False)
-                self.bytes_used -= freed
+                self._drop(next(iter(self._kept)))
+
+    def _drop(self, key: str) -> None:
+        _, size, passing = self._kept.pop(key, (None, 0, False))
+        self.bytes_used -= size
+        self.bytes_passing -= size if passing else 0
 
     def clear(self) -> None:
         """Forgets everything."""
         with self._lock:
             self._kept.clear()
-            self.bytes_used = 0
+            self.bytes_used = self.bytes_passing = 0
 
 
 def _tensors(value: Any):

@@ -26,26 +26,31 @@ KINDS = (Operators, Kernel, Level, Ways, Blur, Bricks, Sparse)
 class Diffusing(Beneath):
     """Exitance; each property is a stage, made when first asked for."""
 
+    @property
+    def crossed(self) -> Kept:
+        """The texels over whose surface light is carried: those at rest, unless it is to be the pose."""
+        return self.texels if self.operators_of_pose else self.texels_at_rest
+
     @cached_property
     def operators(self) -> Kept | None:
         """What carries light over the surface and its seams; None for methods that work in uv."""
         if self.scene.methods.diffusion != "surface":
             return None
-        texels, variances = self.texels.value, self.variances
+        texels, variances = self.crossed.value, self.variances
 
         def make():
             fits = affordable(texels, variances, BUDGET_BYTES)
             return surface_operators(texels, variances[fits], **self.hooks("operators"))
 
-        return self.stage("operators", make, self.texels, variances)
+        return self.stage("operators", make, self.crossed, variances)
 
     @cached_property
     def doubts(self) -> Kept:
         """What is doubtful about the surface that light is to cross, in sentences."""
-        texels, variances = self.texels.value, self.variances
+        texels, variances = self.crossed.value, self.variances
         crosses = self.scene.methods.diffusion in ("surface", "octree")
         make = lambda: doubts(texels, variances, crosses=crosses, **self.hooks("doubts"))  # noqa: E731
-        return self.stage("doubts", make, self.texels, variances, int(crosses))
+        return self.stage("doubts", make, self.crossed, variances, int(crosses))
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""
@@ -136,7 +141,7 @@ class Diffusing(Beneath):
 
         methods = self.scene.methods
         how = methods.diffusion, int(methods.transmission), methods.poisson, self.scene.seed
-        return self.stage("bank", make, light, share, self.variances, how)
+        return self.stage("bank", make, light, share, self.variances, self.crossed, how)
 
     def _spread(self, bank: Kept, scattering: str) -> Kept:
         """Exitance of the light in a bank."""
@@ -158,7 +163,7 @@ class Diffusing(Beneath):
         mode = self.scene.material.surface.albedo_mode
         if self.albedo is None or mode not in (side, "both") or self.layered_textures:
             return None
-        return self.albedo if mode == side else Kept(self.albedo.value.sqrt(), f"{self.albedo.key} root")
+        return self.albedo if mode == side else self.albedo.turned(self.albedo.value.sqrt(), "root")
 
     @property
     def exitance(self) -> Float[Tensor, "P 3"]:

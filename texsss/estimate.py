@@ -53,7 +53,7 @@ def estimate(run: Run) -> Estimate:
     The seconds were measured on two cores of 2020s server hardware. Raises TexsssError: of the mesh, and
     where it has no room in the atlas or its texture coordinates are insisted on and of no use.
     """
-    (mesh, _), scene = run.mesh.value, run.scene
+    (mesh, _), scene = run.rest.value, run.scene
     size, terms = scene.atlas.texels, scene.methods.terms
     unwraps = scene.atlas.uv in ("xatlas", "fallback") or (
         scene.atlas.uv == "auto" and not serves(mesh, scene.atlas.size)
@@ -130,7 +130,7 @@ def described(run: Run) -> dict[str, str]:
 
 def forewarning(run: Run) -> str | None:
     """A sentence on how long a bake will take, if that is long; small ones are not looked at closely."""
-    (mesh, _), size = run.mesh.value, run.scene.atlas.texels
+    (mesh, _), size = run.rest.value, run.scene.atlas.texels
     faces = mesh.faces.shape[0]
     if faces < LARGE_FACES and size < LARGE_SIZE:
         return None

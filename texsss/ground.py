@@ -1,9 +1,10 @@
 """The first stages: the mesh, its atlas and texels, and the maps that lie on it."""
 
+from dataclasses import replace
 from functools import cached_property
 
 from texsss import resolve
-from texsss.cache import Kept, StageCache
+from texsss.cache import Kept, StageCache, content_key
 from texsss.errors import DomainError, ShapeError
 from texsss.io.sandbox import Sandbox
 from texsss.light.thickness import far_side
@@ -13,6 +14,7 @@ from texsss.stages import Stages
 from texsss.surface.atlas import make_atlas
 from texsss.surface.beyond import beyond
 from texsss.surface.onward import Onward
+from texsss.surface.pose import Pose
 from texsss.surface.raster import rasterise
 from texsss.surface.topology import closed_volume, components, shared_edges
 from texsss.types import Cancel, Float, Progress, Tensor
@@ -29,15 +31,16 @@ class Ground(Stages):
         cancel: Cancel | None = None,
         assets: resolve.Assets | None = None,
         sandbox: Sandbox | None = None,
+        pose: Pose | None = None,
     ):
         super().__init__(cache, scene, progress, cancel)
-        self.assets, self.sandbox = assets, sandbox
+        self.assets, self.sandbox, self.given_pose = assets, sandbox, pose
 
     # surface
 
     @cached_property
-    def mesh(self) -> Kept:
-        """(Mesh [mm], notes)"""
+    def rest(self) -> Kept:
+        """(Mesh [mm], notes) as the file has it: what atlas, places of texels and operators belong to."""
         spec, content = self.scene.mesh, resolve.digest(self.scene.mesh.source, self.assets)
         return self.stage(
             "mesh",
@@ -49,9 +52,37 @@ class Ground(Stages):
         )
 
     @cached_property
+    def pose(self) -> Kept | None:
+        """The pose; None at rest. One that is given takes the place of the scene's."""
+        given, spec = self.given_pose, self.scene.mesh
+        if given is not None:
+            key = content_key("pose", given.vertices, int(given.vertices.requires_grad))
+            return Kept(given, key, passing=True)
+        if spec.pose is None:
+            return None
+        (mesh, notes), content = self.rest.value, resolve.digest(spec.pose.source, self.assets)
+        make = lambda: resolve.load_pose(spec, mesh, notes, self.assets, self.sandbox)  # noqa: E731
+        vertices = self.stage("pose", make, self.rest, Kept(None, content, passing=True))
+        return replace(vertices, value=Pose(vertices.value, spec.pose.operators))
+
+    @property
+    def operators_of_pose(self) -> bool:
+        """Whether what carries light over the surface is to be made for the pose."""
+        return self.pose is not None and self.pose.value.operators == "pose"
+
+    @cached_property
+    def mesh(self) -> Kept:
+        """(Mesh [mm], notes) in its pose."""
+        rest, pose = self.rest, self.pose
+        if pose is None:
+            return rest
+        mesh, notes = rest.value
+        return self.stage("pose", lambda: (pose.value.of(mesh, notes.vertices_in_file), notes), rest, pose)
+
+    @cached_property
     def inward(self) -> Kept:
         """What to know of closed parts that face inward, in sentences; none if there are none."""
-        mesh, _ = self.mesh.value
+        mesh, _ = self.rest.value
 
         def make() -> list[str]:
             part = components(len(mesh.faces), shared_edges(mesh.faces))
@@ -63,7 +94,7 @@ class Ground(Stages):
                 "are the walls of a cavity; turn their faces (Blender: Mesh, Normals, Recalculate Outside)."
             ]
 
-        return self.stage("inward", make, self.mesh)
+        return self.stage("inward", make, self.rest)
 
     @cached_property
     def occluder(self) -> Kept:
@@ -72,18 +103,19 @@ class Ground(Stages):
 
     @cached_property
     def atlas(self) -> Kept:
-        (mesh, _), spec = self.mesh.value, self.scene.atlas
+        (mesh, _), spec = self.rest.value, self.scene.atlas
 
         def make():
             return make_atlas(
                 mesh, uv=spec.uv, size=spec.size, padding_texels=spec.padding_texels, **self.hooks("atlas")
             )
 
-        return self.stage("atlas", make, self.mesh, spec.uv, spec.size, spec.padding_texels)
+        return self.stage("atlas", make, self.rest, spec.uv, spec.size, spec.padding_texels)
 
     @cached_property
-    def texels(self) -> Kept:
-        (mesh, _), atlas, size = self.mesh.value, self.atlas.value, self.scene.atlas.texels
+    def texels_at_rest(self) -> Kept:
+        """The texels of the rest pose."""
+        (mesh, _), atlas, size = self.rest.value, self.atlas.value, self.scene.atlas.texels
 
         def make():
             texels = rasterise(mesh, atlas.uv, (size, size), **self.hooks("texels"))
@@ -95,6 +127,15 @@ class Ground(Stages):
             return texels
 
         return self.stage("texels", make, self.atlas, size)
+
+    @cached_property
+    def texels(self) -> Kept:
+        """The texels in their pose."""
+        rest = self.texels_at_rest
+        if self.pose is None:
+            return rest
+        mesh, _ = self.mesh.value
+        return self.stage("texels", lambda: rest.value.moved(mesh.vertices), rest, self.mesh)
 
     @cached_property
     def far_side(self) -> Kept:
@@ -138,7 +179,7 @@ class Ground(Stages):
     @cached_property
     def source_uv(self) -> Float[Tensor, "F 3 2"]:
         """The author's texture coordinates. Raises ShapeError: when the mesh has none."""
-        mesh, _ = self.mesh.value
+        mesh, _ = self.rest.value
         if mesh.source_uv is None:
             raise ShapeError(
                 f"Maps: {mesh.name} has no texture coordinates to lay maps on; "

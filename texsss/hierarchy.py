@@ -24,10 +24,10 @@ class Hierarchy(Lighting):
     @cached_property
     def sample_spacing(self) -> float:
         """Distance of the samples [mm]: as asked, or the shortest mean free path, if that many serve."""
-        asked, (mesh, _) = self.scene.methods.octree.spacing_mm, self.mesh.value
+        asked, (mesh, _) = self.scene.methods.octree.spacing_mm, self.rest.value
         if asked is not None:
             return asked
-        stack, texels = self.stack.value, self.texels.value
+        stack, texels = self.stack.value, self.texels_at_rest.value
         some = texels.points[:: max(len(texels) // 1024, 1)]
         table = stack.at(some.uv(self.source_uv)) if stack.varies else stack.table()
         extinction = table.sigma_a + table.sigma_s * (1 - table.g)
@@ -36,9 +36,18 @@ class Hierarchy(Lighting):
 
     @cached_property
     def samples(self) -> Kept:
-        """(points, area [mm²]) of the samples."""
-        (mesh, _), spacing = self.mesh.value, self.sample_spacing
-        return self.stage("samples", lambda: surface_samples(mesh, spacing), self.mesh, spacing)
+        """(points, area [mm²]) of the samples; a pose moves them with its faces."""
+        (rest, _), (mesh, _), spacing = self.rest.value, self.mesh.value, self.sample_spacing
+        at_rest = self.stage("samples", lambda: surface_samples(rest, spacing), self.rest, spacing)
+        if self.pose is None:
+            return at_rest
+
+        def make():
+            points, area = at_rest.value
+            grown = mesh.face_area / rest.face_area.clamp_min(1e-30)
+            return points, area * grown[points.face.long()]
+
+        return self.stage("samples", make, at_rest, self.mesh)
 
     @cached_property
     def sample_light(self) -> Kept:

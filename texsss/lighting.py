@@ -27,7 +27,7 @@ class Lighting(Matter):
     @cached_property
     def lights(self) -> list[Light]:
         images = {name: kept.value for name, kept in self.panoramas.items()}
-        return placing.lights(self.scene, self.mesh.value[0], images)
+        return placing.lights(self.scene, self.rest.value[0], images)
 
     @property
     def lights_key(self) -> tuple:
@@ -46,7 +46,7 @@ class Lighting(Matter):
         marched = tuple(self.marched_lights)
         if len(marched) == len(self.scene.lights):
             return self.lights
-        return placing.lights(self.scene.model_copy(update={"lights": marched}), self.mesh.value[0], {})
+        return placing.lights(self.scene.model_copy(update={"lights": marched}), self.rest.value[0], {})
 
     def entered(
         self,

@@ -44,12 +44,12 @@ class Matter(Ground):
         name = self.scene.material.surface.albedo
         if name is None:
             return None
-        texels, image = self.texels.value, self.surface_maps[name]
+        texels, image = self.texels_at_rest.value, self.surface_maps[name]
 
         def make():
             return painted(image.value, texels.points, texels.mesh).expand(-1, 3)
 
-        return self.stage("albedo", make, self.texels, image)
+        return self.stage("albedo", make, self.texels_at_rest, image)
 
     @cached_property
     def stack(self) -> Kept:
@@ -71,8 +71,8 @@ class Matter(Ground):
 
     @cached_property
     def ladder(self) -> Float[Tensor, " K"]:
-        """Variances that serve every material on this object and atlas [mm²]."""
-        texels = self.texels.value
+        """Variances that serve every material on this object and atlas, in any pose [mm²]."""
+        texels = self.texels_at_rest.value
         return variance_ladder(texels.texel_mm, texels.mesh.diagonal_mm, self.scene.methods.terms)
 
     @cached_property
@@ -87,7 +87,7 @@ class Matter(Ground):
 
     def _disc_variance(self) -> float:
         """Variance of the Poisson blur [mm²]: as asked, or that within which half the light comes back."""
-        asked, texels = self.scene.methods.poisson.radius_mm, self.texels.value
+        asked, texels = self.scene.methods.poisson.radius_mm, self.texels_at_rest.value
         if asked is not None:
             return asked**2 / 4  # of a disc, per axis
         some = texels.points[:: max(len(texels) // SOME, 1)]
@@ -97,7 +97,7 @@ class Matter(Ground):
 
     def profile(self, scattering: str) -> Kept:
         """Weights of the Gaussians at the texels, as the media have them."""
-        texels = self.texels.value
+        texels = self.texels_at_rest.value
         make = lambda: self._solved(texels.points, self.variances, scattering)  # noqa: E731
         return self.stage("weights", make, *self._profile_key(scattering))
 
@@ -105,13 +105,13 @@ class Matter(Ground):
         """Weights that pictures use: of total 1 where an albedo map says how much comes back."""
         if self.scene.methods.transmission:
             both = self._both_sides(scattering)
-            return Kept(both.value[0], f"{both.key} back")
+            return both.turned(both.value[0], "back")
         made = self.profile(scattering)
         if not self.normalised:
             return made
         total = self.profile("total")
         table = made.value.table * share_of(total.value.table.sum(1, keepdim=True))
-        return Kept(replace(made.value, table=table), f"{made.key} of {total.key}")
+        return made.turned(replace(made.value, table=table), f"of {total.key}")
 
     @cached_property
     def passed(self) -> Kept | None:
@@ -119,7 +119,7 @@ class Matter(Ground):
         if not self.scene.methods.transmission:
             return None
         both = self._both_sides("total")
-        return Kept(both.value[1], f"{both.key} passed")
+        return both.turned(both.value[1], "passed")
 
     def _both_sides(self, scattering: str) -> Kept:
         texels, far = self.texels.value, self.far_side
@@ -171,7 +171,7 @@ class Matter(Ground):
 
     def _profile_key(self, scattering: str) -> tuple:
         methods = self.scene.methods
-        return self.stack, self.texels, self.variances, methods.profile, scattering, methods.incidence
+        return self.stack, self.texels_at_rest, self.variances, methods.profile, scattering, methods.incidence
 
     @cached_property
     def marching(self) -> Literal["none", "uniform", "exact"]:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from texsss.errors import DomainError
 from texsss.scene import Scene
 from texsss.shorthand import FORMS, light
 
@@ -21,6 +22,12 @@ def described(
     unit_mm: Annotated[float | None, typer.Option(help="How long one unit of the mesh is [mm].")] = None,
     up: Annotated[str | None, typer.Option(help="The file's axis that points up: y, z, x, -y, …")] = None,
     v: Annotated[str | None, typer.Option(help="Which way v runs in the file: up or down.")] = None,
+    pose: Annotated[
+        Path | None, typer.Option(help="The same mesh bent: a file whose vertices stand elsewhere.")
+    ] = None,
+    refresh_operators: Annotated[
+        bool, typer.Option("--refresh-operators", help="Spread light anew for --pose; else as at rest.")
+    ] = False,
     size: Annotated[int | None, typer.Option(help="Edge of the lightmap [texels].")] = None,
     uv: Annotated[
         str | None, typer.Option(help="Lightmap coordinates: auto, source, xatlas (unwraps anew), fallback.")
@@ -80,6 +87,13 @@ def described(
     put(None if material is None else [{"medium": material}], "material", "layers")
     for field, value in (("unit_mm", unit_mm), ("up", up), ("v", v)):
         put(value, "mesh", field)
+    if pose is not None:
+        put({"source": {"path": str(pose)}}, "mesh", "pose")
+    if refresh_operators:
+        bent = data["mesh"].get("pose")
+        if bent is None:
+            raise DomainError("--refresh-operators: expected a pose, got none; name its file by --pose.")
+        bent["operators"] = "pose"
     put(size, "atlas", "size")
     put(size, "atlas", "raster")
     put(uv, "atlas", "uv")

@@ -20,6 +20,7 @@ from texsss.look import averaged, bent_away, scattered_once, seer, share_of, sho
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
+from texsss.surface.pose import stretch
 from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.march.interior import from_stack
@@ -36,6 +37,9 @@ LOOKS_PER_MARCH = (
 )
 SPREADING = ("uv", "surface", "octree", "poisson")  # methods to which faults of mesh and atlas matter
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
+STRETCHED = (
+    0.1  # distances on the surface changed by so much: exitance is off by a tenth of that, as measured
+)
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -56,11 +60,12 @@ class Run(Diffusing):
             thickness_mm=math.inf if self.scene.methods.transmission else float(thick),
         )
         if self.scene.methods.diffusion == "surface":
-            stopped = int((~affordable(texels, self.variances, BUDGET_BYTES)).sum())
+            stopped = int((~affordable(self.crossed.value, self.variances, BUDGET_BYTES)).sum())
             if stopped:
                 said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
         if self.scene.methods.diffusion in SPREADING:
             said += self.doubts.value
+        said += self.stretched
         said += enclosed(self.lights, mesh, self.occluder.value)
         said += placing.stretched({name: kept.value for name, kept in self.panoramas.items()})
         said += averaged(
@@ -89,6 +94,28 @@ class Run(Diffusing):
             "lights": lights,
             "of_lights": len(self.scene.lights),
         }
+
+    @property
+    def posed(self) -> dict[str, str | float] | None:
+        """Whose operators carry light over the surface of a pose, and by how much that is stretched."""
+        if self.pose is None:
+            return None
+        stretched = stretch(self.rest.value[0], self.mesh.value[0])
+        return {"operators": self.pose.value.operators, "stretch": round(stretched, 5)}
+
+    @property
+    def stretched(self) -> list[str]:
+        """What to know of a pose that stretches what light spreads over as at rest, in sentences."""
+        pose = self.posed
+        if pose is None or self.scene.methods.diffusion != "surface" or self.operators_of_pose:
+            return []
+        by = float(pose["stretch"])
+        if by < STRETCHED:
+            return []
+        return [
+            f"The pose stretches the surface by {by:.0%} (RMS), but light spreads over it as at rest, about "
+            f'{by / 10:.1%} off; make its operators anew (--refresh-operators, "operators": "pose").'
+        ]
 
     @cached_property
     def single(self) -> Callable[[Hits], Tensor] | None:
@@ -147,9 +174,9 @@ class Run(Diffusing):
 
     @cached_property
     def camera(self) -> Kept:
-        """Where the picture is taken from."""
-        spec, (mesh, _) = self.scene.camera, self.mesh.value
-        return self.stage("camera", lambda: placing.camera(spec, mesh), self.mesh, spec)
+        """Where the picture is taken from; it does not follow poses."""
+        spec, (mesh, _) = self.scene.camera, self.rest.value
+        return self.stage("camera", lambda: placing.camera(spec, mesh), self.rest, spec)
 
     @cached_property
     def see(self) -> Callable[[Hits], Sight]:
@@ -175,7 +202,15 @@ class Run(Diffusing):
 
         surface, eta = self.upper_surface, self.stack.value.eta
         return self.stage(
-            "sights", make, camera, self.surface_maps, self.lights_key, surface, eta, self.scene.seed
+            "sights",
+            make,
+            camera,
+            self.mesh,
+            self.surface_maps,
+            self.lights_key,
+            surface,
+            eta,
+            self.scene.seed,
         )
 
     @cached_property
@@ -217,6 +252,7 @@ class Run(Diffusing):
         how = (self.marching, tuple(self.marched_lights), methods.march_samples, methods.march, self.grain)
         marched = None if once is None else (self.planes, how)
         lit = (
+            self.mesh,
             image,
             how_leaves,
             beside,
@@ -249,6 +285,7 @@ class Run(Diffusing):
             atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
             energies = self.entered_light, self.exitance
             advice = self.advice if bool((energies[0] > 0).any()) else [UNLIT, *self.advice]
-            return describe(scene, self.seconds, advice, atlas, texels, weights, *energies, self.marches)
+            energies = *energies, self.marches, self.posed
+            return describe(scene, self.seconds, advice, atlas, texels, weights, *energies)
 
         return Baked(self.texels.value, *result, report, lambda: self.picture, encode)

@@ -24,11 +24,13 @@ def describe(
     irradiance: Float[Tensor, "P 3"],
     exitance: Float[Tensor, "P 3"],
     marching: Mapping[str, str | int],
+    pose: Mapping[str, str | float] | None = None,
 ) -> dict:
     """The report of a bake as plain values.
 
     `seconds` per stage that ran (kept results take none). `notes`: sentences for the user. Energy is
     what entered and what left the whole surface [W]. `marching`: what pictures march, by how many steps.
+    `pose`: whose operators carry light over the surface, and by how much the pose stretches that.
     """
     mesh, area = texels.mesh, texels.area[:, None] / 1e6  # m²
     return {
@@ -43,6 +45,7 @@ def describe(
             "vertices": mesh.vertices.shape[0],
             "extent_mm": [round(edge, 3) for edge in mesh.extent.tolist()],
         },
+        "pose": None if pose is None else dict(pose),
         "atlas": {"origin": atlas.origin, "charts": atlas.report.charts},
         "texels": {
             "size": list(texels.size),

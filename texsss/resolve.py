@@ -12,7 +12,7 @@ import torch
 from texsss.errors import AssetError, DomainError, ShapeError
 from texsss.io.files import read_bytes
 from texsss.io.images import MAX_PIXELS, read_image
-from texsss.io.meshes import MeshNotes, read_mesh
+from texsss.io.meshes import MeshNotes, read_mesh, read_positions
 from texsss.io.sandbox import Sandbox
 from texsss.media.depths import stack_from_depths
 from texsss.media.medium import Medium, mix
@@ -101,6 +101,30 @@ def load_mesh(
     """The mesh [mm] of a scene and what had to be assumed about it."""
     read = read_mesh if sandbox is None else sandbox.read_mesh
     return read(locate(spec.source, assets), unit_mm=spec.unit_mm, up=spec.up, v=spec.v)
+
+
+def load_pose(
+    spec: MeshSpec,
+    mesh: Mesh,
+    notes: MeshNotes,
+    assets: Assets | None = None,
+    sandbox: Sandbox | None = None,
+) -> Float[Tensor, "V 3"]:
+    """Where the vertices of the mesh's file stand in the scene's pose [mm].
+
+    Raises AssetError: when the pose's file is not of the same mesh.
+    """
+    assert spec.pose is not None
+    path = locate(spec.pose.source, assets)
+    read = read_positions if sandbox is None else sandbox.read_positions
+    positions, triangles = read(path, unit_mm=notes.unit_mm, up=spec.up)
+    wanted = notes.vertices_in_file, notes.faces + notes.faces_dropped
+    if (len(positions), triangles) != wanted:
+        raise AssetError(
+            f"Pose: expected the {wanted[0]:,} vertices and {wanted[1]:,} triangles of {mesh.name}, got "
+            f"{len(positions):,} and {triangles:,} in {path.name}; export both alike, in one order."
+        )
+    return torch.from_numpy(positions + notes.shift_mm)
 
 
 def load_map(

@@ -226,7 +226,7 @@ def _filled(value: Any, default: Any) -> Any:
     return {**default, **stated}
 
 
-FILE_FIELDS = ("path", "source", "mesh")  # a mesh or source may be its file's path alone
+FILE_FIELDS = ("path", "source", "mesh", "pose")  # a mesh, source or pose may be its file's path alone
 
 
 def _anchored(value: Any, folder: Path) -> Any:

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 
 from texsss import placing
+from texsss.cache import content_key
 from texsss.io.gltf import glb
 from texsss.light.emitters import PointLight
 from texsss.media.fresnel import F_dt
@@ -28,7 +29,7 @@ def showing(run: Run) -> dict[str, Any]:
     camera = run.camera.value
     low, high = mesh.vertices.detach().amin(0), mesh.vertices.detach().amax(0)
     return {
-        "geometry": atlas.key,
+        "geometry": atlas.key if run.pose is None else content_key(atlas, run.mesh),
         "mesh": {
             "name": mesh.name,
             "faces": notes.faces,
@@ -57,7 +58,7 @@ def showing(run: Run) -> dict[str, Any]:
 
 
 def _lights(run: Run) -> list[dict[str, Any]]:
-    mesh, _ = run.mesh.value
+    mesh, _ = run.rest.value
     found = []
     for spec in run.scene.lights:
         if isinstance(spec, StudioSpec):

@@ -13,7 +13,6 @@ Count = Annotated[int, Field(strict=True)]
 Vector = tuple[Number, Number, Number]
 Colour = tuple[NonNegative, NonNegative, NonNegative]
 
-
 INTERMEDIATES = (
     "irradiance|diffused|exitance|radiance|single|coverage|albedo|position|normal|texel-mm|metric"
     "|through-mm|seam-jump"
@@ -51,23 +50,35 @@ def _as_source(value: Any) -> Any:
 SourceField = Annotated[Source, BeforeValidator(_as_source)]
 
 
+class PoseSpec(Model):
+    """A file of the same mesh whose vertices stand elsewhere, in the unit and upright as the mesh.
+
+    `operators`: whether what carries light over the surface stays that of the rest pose, or is made anew.
+    """
+
+    source: SourceField
+    operators: Literal["rest", "pose"] = "rest"
+
+
+def _by_source(value: Any) -> Any:
+    return {"source": value} if isinstance(value, str | Path) else value
+
+
 class MeshSpec(Model):
     """The mesh file, how long one of its units is [mm] (None: assumed, and said), and which way is up.
 
-    `v`: which way v of its texture coordinates runs; `auto` as its format prescribes.
+    `v`: which way v of its texture coordinates runs; `auto` as its format prescribes. `pose`: where its
+    vertices stand, if elsewhere; lights and cameras that are placed around the mesh stay where they are.
     """
 
     source: SourceField
     unit_mm: Positive | None = None
     up: Literal["y", "z", "x", "-y", "-z", "-x"] = "y"
     v: Literal["auto", "up", "down"] = "auto"
+    pose: Annotated[PoseSpec, BeforeValidator(_by_source)] | None = None
 
 
-def _as_mesh(value: Any) -> Any:
-    return {"source": value} if isinstance(value, str | Path) else value
-
-
-MeshField = Annotated[MeshSpec, BeforeValidator(_as_mesh)]
+MeshField = Annotated[MeshSpec, BeforeValidator(_by_source)]
 """A mesh, or the path of its file alone."""
 
 
@@ -132,11 +143,8 @@ class MediumSpec(Model):
         given = [value is not None for value in (self.sigma_a_per_mm, self.sigma_s_per_mm)]
         if any(given) if self.preset is not None else not all(given):
             raise ValueError("expected either preset, or both sigma_a_per_mm and sigma_s_per_mm")
-        if self.preset is not None and (self.g, self.eta, self.phase) != (
-            0.0,
-            1.3,
-            "henyey-greenstein",
-        ):
+        plain = (0.0, 1.3, "henyey-greenstein")
+        if self.preset is not None and (self.g, self.eta, self.phase) != plain:
             raise ValueError(
                 "expected a preset alone, got g, eta or phase beside it; give coefficients to change them"
             )

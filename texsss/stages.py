@@ -1,7 +1,7 @@
 """How stages run: kept by content, timed, heard of, stopped on request."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from texsss.cache import Kept, StageCache, content_key
@@ -10,6 +10,7 @@ from texsss.types import Cancel, Progress, check_cancelled
 
 STAGE_VERSIONS = {
     "mesh": 1,
+    "pose": 1,
     "inward": 1,
     "occluder": 1,
     "atlas": 1,
@@ -43,6 +44,17 @@ LASTING = {"operators"}
 """Stages whose results are dear enough to be kept on disk."""
 
 
+def _kept(part: Any) -> Iterator[Kept]:
+    """Every result among what a stage depends on."""
+    if isinstance(part, Kept):
+        yield part
+    elif isinstance(part, dict):
+        yield from _kept(list(part.values()))
+    elif isinstance(part, tuple | list):
+        for item in part:
+            yield from _kept(item)
+
+
 class Stages:
     """The stages of one scene; each is made once, or taken from `cache`."""
 
@@ -53,18 +65,20 @@ class Stages:
         self.made: dict[str, Kept] = {}
 
     def stage(self, name: str, make: Callable[[], Any], *depends: Any) -> Kept:
-        """The result of `make`, kept under the content of `depends`."""
+        """The result of `make`, kept under the content of `depends`; of a pose if one of these is."""
         check_cancelled(self.cancel)
         key = content_key(name, STAGE_VERSIONS[name], *depends)
         if key in self.made:
             return self.made[key]
         self.tell(name, 0.0)
         start = time.perf_counter()
-        value, fresh = self.cache.get_or_make(key, make, lasts=name in LASTING)
+        passing = any(part.passing for part in _kept(depends))
+        lasts = name in LASTING and not passing
+        value, fresh = self.cache.get_or_make(key, make, lasts=lasts, passing=passing)
         if fresh:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
         self.tell(name, 1.0)
-        return self.made.setdefault(key, Kept(value, key))
+        return self.made.setdefault(key, Kept(value, key, passing))
 
     def hooks(self, name: str) -> dict[str, Any]:
         """What a long stage listens to and speaks through; the pipeline names the stages, not the rooms."""

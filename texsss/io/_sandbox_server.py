@@ -19,7 +19,7 @@ import torch
 
 from texsss.errors import AssetError
 from texsss.io.images import read_image
-from texsss.io.meshes import read_mesh
+from texsss.io.meshes import read_mesh, read_positions
 
 PR_SET_PDEATHSIG = 1  # of Linux' prctl
 
@@ -101,7 +101,7 @@ def _limit(memory_mb: float, timeout_s: float) -> None:
 
 def _answer(options: dict, data: bytes) -> bytes:
     try:
-        return b"ok   " + (_mesh(options, data) if options["task"] == "mesh" else _image(options, data))
+        return b"ok   " + TASKS[options["task"]](options, data)
     except AssetError as error:
         told = {"sentence": str(error)}
         told |= {field: getattr(error, field, None) for field in ("limit", "actual")}
@@ -122,14 +122,36 @@ def _mesh(options: dict, data: bytes) -> bytes:
         file_type=options["file_type"],
         name=options["name"],
     )
-    arrays = {"vertices": mesh.vertices.numpy(), "faces": mesh.faces.numpy()}
+    assert mesh.source_vertex is not None
+    arrays = {
+        "vertices": mesh.vertices.numpy(),
+        "faces": mesh.faces.numpy(),
+        "source_vertex": mesh.source_vertex.numpy(),
+    }
     if mesh.source_uv is not None:
         arrays["source_uv"] = mesh.source_uv.numpy()
     notes_text = json.dumps({**vars(notes), "name": mesh.name})
-    arrays["notes"] = np.frombuffer(notes_text.encode(), dtype=np.uint8)
+    return _packed(arrays | {"notes": np.frombuffer(notes_text.encode(), dtype=np.uint8)})
+
+
+def _positions(options: dict, data: bytes) -> bytes:
+    positions, triangles = read_positions(
+        data,
+        unit_mm=options["unit_mm"],
+        up=options["up"],
+        file_type=options["file_type"],
+        name=options["name"],
+    )
+    return _packed({"positions": positions, "triangles": np.array(triangles)})
+
+
+def _packed(arrays: dict[str, np.ndarray]) -> bytes:
     out = io.BytesIO()
     np.savez(out, allow_pickle=False, **arrays)
     return out.getvalue()
+
+
+TASKS = {"mesh": _mesh, "positions": _positions, "image": _image}
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from texsss.io._raw import Fault, RawMesh
 from texsss.io._stl import read_stl
 from texsss.io.probe import MeshFormat, mesh_format
 from texsss.surface.mesh import Mesh
+from texsss.types import Float
 
 Up = Literal["y", "z", "x", "-y", "-z", "-x"]
 VDirection = Literal["auto", "up", "down"]
@@ -46,7 +47,8 @@ class MeshNotes:
 
     `unit_mm`: millimetres per unit of the file; `unit_assumed`: nobody stated it. `size_mm`: extent
     along x, y, z. `faces_dropped`: triangles without area. `uv`: whether the file has texture coordinates.
-    `messages`: all of it as sentences for the user.
+    `vertices_in_file`, `shift_mm`: how many it has before they merge, and by how much they were moved once
+    upright and in millimetres. `messages`: all of it as sentences for the user.
     """
 
     file_format: MeshFormat
@@ -58,6 +60,8 @@ class MeshNotes:
     faces_dropped: int
     uv: Literal["complete", "none"]
     messages: tuple[str, ...]
+    vertices_in_file: int
+    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def height_mm(self) -> float:
@@ -89,7 +93,8 @@ def read_mesh(
     """
     data, name = bytes_of(source, name)
     try:
-        if unit_mm is not None and not (np.isfinite(unit_mm) and unit_mm > 0):
+        unit = None if unit_mm is None else float(unit_mm)
+        if unit is not None and not (np.isfinite(unit) and unit > 0):
             raise Fault(
                 f"expected a unit above 0 mm, got {unit_mm}", "pass millimetres per unit, 1000 for metres"
             )
@@ -97,14 +102,43 @@ def read_mesh(
             raise Fault(
                 f"expected up as one of {', '.join(UPRIGHT)}, got {up!r}", "name the axis that points up"
             )
-        kind = mesh_format(data, file_type or Path(name).suffix)
-        unit = None if unit_mm is None else float(unit_mm)
-        raw = READERS[kind](data)
+        kind, raw = _raw(data, file_type, name)
         if raw.uv is not None and v not in ("auto", raw.v_runs):
             raw.uv[..., 1] = 1 - raw.uv[..., 1]
         return _finished(raw, kind, unit, up, Path(name).stem)
     except Fault as fault:
         raise fault.named(name) from None
+
+
+def read_positions(
+    source: Path | str | bytes,
+    *,
+    unit_mm: float | int,
+    up: Up = "y",
+    file_type: str | None = None,
+    name: str | None = None,
+) -> tuple[Float[np.ndarray, "V 3"], int]:
+    """Positions of all vertices of a mesh file [mm], y up, in its own order, and how many triangles it has.
+
+    Nothing merges and nothing is dropped, so that poses of one mesh keep their numbering. The rest as
+    `read_mesh`. Raises AssetError: when the file is missing, unreadable or no mesh, or not finite.
+    """
+    data, name = bytes_of(source, name)
+    try:
+        _, raw = _raw(data, file_type, name)
+        _check_finite(raw.vertices, None)
+        return _upright(raw.vertices, float(unit_mm), up), len(raw.faces)
+    except Fault as fault:
+        raise fault.named(name) from None
+
+
+def _raw(data: bytes, file_type: str | None, name: str) -> tuple[MeshFormat, RawMesh]:
+    kind = mesh_format(data, file_type or Path(name).suffix)
+    return kind, READERS[kind](data)
+
+
+def _upright(points: np.ndarray, unit_mm: float, up: Up) -> np.ndarray:
+    return points * unit_mm @ np.array(UPRIGHT[up]).T
 
 
 def bytes_of(source: Path | str | bytes, name: str | None = None) -> tuple[bytes, str]:
@@ -134,7 +168,8 @@ def _finished(
     raw: RawMesh, kind: MeshFormat, unit_mm: float | None, up: Up, name: str
 ) -> tuple[Mesh, MeshNotes]:
     notes = list(dict.fromkeys(raw.notes))
-    points, faces = _compact(raw.vertices, raw.faces)
+    used, faces = _compact(len(raw.vertices), raw.faces)
+    points = raw.vertices[used]
     _check_finite(points, raw.uv)
     extent = np.ptp(points, axis=0)
     longest = float(extent.max())
@@ -149,12 +184,13 @@ def _finished(
             f"at {unit_mm:g} mm per unit",
             "state the unit, or scale the mesh",
         )
-    points = points * unit_mm @ np.array(UPRIGHT[up]).T
-    centre = (points.max(0) + points.min(0)) / 2
+    points = _upright(points, unit_mm, up)
+    centre, shift = (points.max(0) + points.min(0)) / 2, np.zeros(3)
     if np.linalg.norm(centre) > FAR * longest * unit_mm:
-        points = points - centre
+        shift, points = -centre, points - centre
         notes.append(f"it lay {np.linalg.norm(centre):.3g} mm from the origin and was moved there")
-    faces, uv, vertices, dropped = _merged(points, faces, raw.uv)
+    kept, faces, uv, dropped = _merged(points, faces, raw.uv)
+    vertices = points[kept].astype(np.float32)
     if dropped:
         notes.append(f"{dropped:,} of {len(raw.faces):,} triangles have no area and were dropped")
     size = np.ptp(vertices, axis=0)
@@ -164,7 +200,8 @@ def _finished(
             f"no unit was given: one unit of this {kind.upper()} is taken as {unit_mm:g} mm, "
             f"which makes the object {size[1]:.4g} mm tall",
         )
-    mesh = Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), uv, name)
+    origin = torch.from_numpy(used[kept])
+    mesh = Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), uv, name, origin)
     notes_of_file = MeshNotes(
         file_format=kind,
         unit_mm=unit_mm,
@@ -175,6 +212,8 @@ def _finished(
         faces_dropped=dropped,
         uv="none" if uv is None else "complete",
         messages=tuple(notes),
+        vertices_in_file=len(raw.vertices),
+        shift_mm=(float(shift[0]), float(shift[1]), float(shift[2])),
     )
     return mesh, notes_of_file
 
@@ -187,11 +226,11 @@ def _assumed_unit(kind: MeshFormat, longest: float) -> float:
     return 1000.0 if longest < 3 else 10.0 if longest < 300 else 1.0
 
 
-def _compact(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Only the vertices that faces use."""
-    used = np.zeros(len(points), dtype=bool)
+def _compact(vertices: int, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which vertices faces use, and the faces in terms of those alone."""
+    used = np.zeros(vertices, dtype=bool)
     used[faces] = True
-    return points[used], (np.cumsum(used) - 1)[faces]
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[faces]
 
 
 def _check_finite(points: np.ndarray, uv: np.ndarray | None) -> None:
@@ -235,16 +274,16 @@ def _coinciding(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _merged(
     points: np.ndarray, faces: np.ndarray, uv: np.ndarray | None
-) -> tuple[np.ndarray, torch.Tensor | None, np.ndarray, int]:
-    """Faces, uv and vertices, in float32, with coinciding vertices made one and flat faces dropped."""
+) -> tuple[np.ndarray, np.ndarray, torch.Tensor | None, int]:
+    """Which vertices stay, faces of these, and uv; coinciding vertices made one and flat faces dropped."""
     kept, number = _coinciding(points)
-    vertices, faces = points[kept].astype(np.float32), number[faces]
-    corners = vertices.astype(np.float64)[faces]
+    faces = number[faces]
+    corners = points[kept].astype(np.float32).astype(np.float64)[faces]
     edges = np.roll(corners, -1, 1) - corners
     doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
     sound = doubled > THINNEST * (edges**2).sum(-1).max(-1)
     if not sound.any():
         raise Fault("no triangle has any area", "give a mesh with a surface")
-    used, faces = _compact(vertices, faces[sound])
+    used, faces = _compact(len(kept), faces[sound])
     texture = None if uv is None else torch.from_numpy(uv[sound].astype(np.float32))
-    return faces, texture, used, int((~sound).sum())
+    return kept[used], faces, texture, int((~sound).sum())

@@ -16,6 +16,7 @@ import torch
 from texsss.errors import AssetError, LimitError, TooLarge
 from texsss.io.meshes import MeshNotes, Up, VDirection, bytes_of
 from texsss.surface.mesh import Mesh
+from texsss.types import Float
 
 START_S = 60.0  # for the server to import everything, once
 GRACE_S = 5.0  # for the answer to arrive after the child's own limit
@@ -73,6 +74,25 @@ class Sandbox:
             "name": name,
         }
         return _unpacked(self._answer("mesh", options, data))
+
+    def read_positions(
+        self,
+        source: Path | str | bytes,
+        *,
+        unit_mm: float | int,
+        up: Up = "y",
+        file_type: str | None = None,
+        name: str | None = None,
+    ) -> tuple[Float[np.ndarray, "V 3"], int]:
+        """Positions of a mesh file's vertices as `texsss.io.meshes.read_positions` gives them.
+
+        Raises AssetError: as there, and when the file needs more time or memory than allowed.
+        """
+        data, name = bytes_of(source, name)
+        options = {"unit_mm": unit_mm, "up": up, "file_type": file_type, "name": name}
+        answer = self._answer("positions", options, data)
+        with np.load(io.BytesIO(answer), allow_pickle=False) as arrays:
+            return arrays["positions"], int(arrays["triangles"])
 
     def examine_image(self, data: bytes, *, name: str, max_pixels: int) -> tuple[int, int, int]:
         """Height, width and channels of an image, which was read whole by `texsss.io.images.read_image`.
@@ -140,6 +160,9 @@ def _unpacked(answer: bytes) -> tuple[Mesh, MeshNotes]:
         notes = json.loads(arrays["notes"].tobytes())
         name = notes.pop("name")
         uv = torch.from_numpy(arrays["source_uv"]) if "source_uv" in arrays else None
-        mesh = Mesh(torch.from_numpy(arrays["vertices"]), torch.from_numpy(arrays["faces"]), uv, name)
-    notes["size_mm"], notes["messages"] = tuple(notes["size_mm"]), tuple(notes["messages"])
+        vertices, faces, origin = (
+            torch.from_numpy(arrays[part]) for part in ("vertices", "faces", "source_vertex")
+        )
+        mesh = Mesh(vertices, faces, uv, name, origin)
+    notes |= {field: tuple(notes[field]) for field in ("size_mm", "messages", "shift_mm")}
     return mesh, MeshNotes(**notes)

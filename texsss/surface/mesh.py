@@ -21,7 +21,8 @@ class Mesh:
     `vertices` (V, 3): positions, merged wherever they coincide, so that normals and neighbours
     cross UV seams. `faces` (F, 3): indices into them, counter-clockwise seen from outside.
     `source_uv` (F, 3, 2): the author's texture coordinates per face corner, v down; they may tile,
-    overlap or mirror, and are None when the file has none.
+    overlap or mirror, and are None when the file has none. `source_vertex` (V,): the vertex of the file
+    that each one is, None for meshes from elsewhere.
     Raises ShapeError or DomainError: when shapes, indices or values cannot be a surface.
     """
 
@@ -29,6 +30,7 @@ class Mesh:
     faces: Int[Tensor, "F 3"]
     source_uv: Float[Tensor, "F 3 2"] | None = None
     name: str = "mesh"
+    source_vertex: Int[Tensor, " V"] | None = None
 
     def __post_init__(self):
         if self.faces.shape[0] == 0:
@@ -161,6 +163,7 @@ class Mesh:
             vertices=self.vertices.to(device=device, dtype=dtype),
             faces=self.faces.to(device=device),
             source_uv=None if uv is None else uv.to(device=device, dtype=dtype),
+            source_vertex=None if self.source_vertex is None else self.source_vertex.to(device=device),
         )
 
 

@@ -16,6 +16,7 @@ from texsss.view.camera import SEEDS_APART, Camera, Hits, pixel_centres, primary
 
 CHUNK = 1 << 15  # rays at a time
 AT_ONCE = 8  # chunks between words of progress
+TILE = 64  # pixels after which the places of rays repeat
 CONTRAST = 0.04  # of compressed brightness, 0..1, between neighbours: more is an edge
 
 Colour = tuple[float, float, float]
@@ -145,10 +146,12 @@ def _refine(
     def look(sample: int, slot: Int[Tensor, " S"]) -> tuple[Float[Tensor, "S 3"], Float[Tensor, " S"]]:
         """Radiance and coverage along a ray through the stratum `sample` of each of these pixels."""
         pixel = pixels[slot]
-        generator = torch.Generator().manual_seed(seed + SEEDS_APART * sample + int(slot[0]))
-        jitter = torch.rand(len(pixel), 2, generator=generator, dtype=torch.float64)
-        corner = torch.stack([pixel % camera.resolution[0], pixel // camera.resolution[0]], -1).double()
-        xy = corner + (torch.tensor(cells[sample], dtype=torch.float64) + jitter) / side
+        corner = torch.stack([pixel % camera.resolution[0], pixel // camera.resolution[0]], -1)
+        # by its place: what is refined elsewhere moves no ray, so that still parts of a film are still
+        generator = torch.Generator().manual_seed(seed + SEEDS_APART * sample)
+        tile = torch.rand(TILE * TILE, 2, generator=generator, dtype=torch.float64)
+        jitter = tile[corner[:, 1] % TILE * TILE + corner[:, 0] % TILE]
+        xy = corner.double() + (torch.tensor(cells[sample], dtype=torch.float64) + jitter) / side
         hits = primary_hits(camera, occluder, xy, torch.arange(len(pixel)), torch.float32, sample=sample + 1)
         radiance, covered = behind[pixel], torch.zeros(len(pixel))
         if len(hits.pixel):
