@@ -61,7 +61,7 @@ MAY_IMPORT = {
     "depth_maps": ROOMS,
     "plot": set(),
     "shorthand": {"errors"},
-    "options": {"scene", "shorthand", "io"},
+    "options": {"errors", "scene", "shorthand", "io"},
     "openmp": set(),
     "terminal": {"errors"},
     "cli": {

@@ -177,6 +177,23 @@ def test_pictures_repeat_and_stop():
         picture(camera, occluder, shader, samples=0)
 
 
+def test_what_moves_elsewhere_moves_no_ray():
+    """Edges of what stands still are the same, whatever else there is to refine: films do not flicker."""
+    camera = fit_camera(square(400.0), resolution=(96, 48))
+    still = sphere(50.0, 2, centre=(-100, -60, 0))
+    pictures = []
+    for x in (60.0, 130.0):
+        mesh = together(sphere(40.0, 1, centre=(x, 80, 0)), still)
+        shader = lambda hits, mesh=mesh: hits.points.normal(mesh).abs()  # noqa: E731
+        pictures.append(picture(camera, Occluder(mesh), shader, samples=9))
+    height = pictures[0].shape[0]
+    below = [image[height // 2 + 2 :] for image in pictures]
+    assert torch.equal(below[0][..., 3], below[1][..., 3]) and not torch.equal(*pictures)
+    assert bool(((below[0][..., 3] > 0) & (below[0][..., 3] < 1)).any())
+    # rays weigh by the mean brightness, which is that of all; measured 3e-5
+    torch.testing.assert_close(*below, atol=5e-4, rtol=0)
+
+
 def test_what_is_known_of_the_centres_is_not_looked_at_again():
     """Sights kept from one material show another exactly as a picture made anew."""
     mesh = sphere(50.0, 2)
