@@ -10,12 +10,14 @@ router = APIRouter(responses=responses())
 NO_STORE = {"cache-control": "no-store"}
 
 
+@router.head("/healthz", include_in_schema=False)
 @router.get("/healthz", summary="Whether the process lives", response_class=PlainTextResponse)
 async def alive() -> Response:
     """`ok` while the process can answer."""
     return PlainTextResponse("ok", headers=NO_STORE)
 
 
+@router.head("/readyz", include_in_schema=False)
 @router.get(
     "/readyz",
     summary="Whether work is taken",

@@ -6,6 +6,7 @@ import pytest
 import torch
 from profile_stacks import random_table
 
+from texsss.errors import DomainError
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, LayerTable, Stack
 from texsss.numerics import native
@@ -189,3 +190,22 @@ class Replays(Loops):
             read = [known[x] if isinstance(x, Value) else x for x in reads]
             known[value] = getattr(torch, name)(*read, **dict(options))
         return known[recording.result]
+
+
+def test_a_loop_that_gets_no_memory_says_what_to_do():
+    """More frequencies than there can be; denormal numbers are what they were."""
+    table = random_table(ROWS, 1, True, 1.0, seed=3).to(torch.float32)
+    loop = Fused(
+        table,
+        S,
+        torch.eye(len(S)),
+        model="layered-sp3",
+        scattering="total",
+        incidence="diffuse",
+        side=SIDES[0],
+    )
+    loop._header[len(loop._header) - 1] = -1
+    tiny = torch.full((1,), 1e-39)
+    with pytest.raises(DomainError, match=r"Profiles: expected memory.*smaller atlas"):
+        loop(slice(0, ROWS), torch.empty(ROWS, len(S), table.channels))
+    assert float(tiny * 1) > 0

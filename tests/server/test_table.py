@@ -209,7 +209,7 @@ def test_unknown_job_result_and_delete(client):
 @pytest.mark.parametrize(
     "method, path, allow",
     [
-        *(("GET", "/v1/render", "POST"), ("PUT", "/v1/bake", "POST"), ("DELETE", "/healthz", "GET")),
+        *(("GET", "/v1/render", "POST"), ("PUT", "/v1/bake", "POST"), ("DELETE", "/healthz", "GET, HEAD")),
         *(("PATCH", "/v1/assets/x", "DELETE, GET"), ("POST", "/v1/jobs/x", "DELETE, GET")),
         ("BREW", "/v1/scenes", "GET"),
     ],
@@ -218,6 +218,13 @@ def test_wrong_method(client, method, path, allow):
     answer = client.request(method, path)
     problem(answer, 405, "method-not-allowed")
     assert answer.headers["allow"] == allow
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+def test_probes_may_ask_for_the_head_alone(client, path):
+    whole, head = client.get(path), client.head(path)
+    assert (head.status_code, head.content) == (whole.status_code, b"")
+    assert head.headers["content-length"] == whole.headers["content-length"]
 
 
 @pytest.mark.parametrize("path", ["/openapi.json", "/"])

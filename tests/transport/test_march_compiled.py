@@ -1,5 +1,7 @@
 """The compiled loop is the march that torch does."""
 
+import ctypes
+
 import pytest
 import torch
 from march_shapes import SUN, UNIT, centre, fish, hills, scattered_points, square, veins
@@ -8,7 +10,7 @@ from texsss.light.emitters import DirectionalLight, PointLight
 from texsss.media.medium import Medium
 from texsss.media.stack import Layer, Stack
 from texsss.numerics import native
-from texsss.transport.march.fused import packed
+from texsss.transport.march.fused import Fused, packed
 from texsss.transport.march.interior import Interior, from_depths, from_stack
 from texsss.transport.march.kernel import FRAME
 from texsss.transport.march.march import march
@@ -121,3 +123,11 @@ def test_the_deepest_texel_stays_the_deepest(depths):
     words, coded = packed(depth)
     thickness = coded[0] + coded[1] * (words[0, :16, :16, 0] & (2**24 - 1))
     torch.testing.assert_close(thickness, depth[..., 0], rtol=1e-6, atol=0)
+
+
+def test_a_march_that_gets_no_memory_ends_no_process():
+    """Of more lights than there can be."""
+    media = torch.ones(1, 3)
+    loop = Fused(Interior(torch.ones(1, 1, 0), media, 2 * media, 0 * media, eta=1.0), "henyey-greenstein")
+    numbers = [ctypes.c_int(-1), None, ctypes.c_int(1), ctypes.c_float(1.0), *[ctypes.c_int64(0)] * 3]
+    assert loop._march(*[None] * 3, 1, 1, *[None] * 3, *numbers, None) is False

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <exception>
 
 #if defined(__AVX512F__)  // by instructions: the header of intrinsics takes longer to read than all else
 constexpr int WIDTH = 16;
@@ -162,3 +163,14 @@ static inline Decayed decayed(V x) {
   return {scale - scale * lost, 1 - scale + scale * lost};
 }
 static inline V decay(V x) { return decayed(x).left; }
+
+// Whether there was memory for all of `work`: nothing is thrown at those who know no C++
+template <class Work>
+static bool enough(Work work) {
+  try {
+    work();
+  } catch (const std::exception&) {
+    return false;
+  }
+  return true;
+}

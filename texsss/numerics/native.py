@@ -19,6 +19,8 @@ from pathlib import Path
 
 from platformdirs import user_cache_dir
 
+from texsss.errors import DomainError
+
 FLAGS = ["-O3", "-std=c++17", "-march=native", "-shared", "-fPIC", "-pthread", "-w"]
 # as the compiler may fuse and vectorise; infinities and NaN stay what they are
 FLAGS += ["-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
@@ -39,6 +41,15 @@ def library(source: Path, macros: Mapping[str, int]) -> ctypes.CDLL | None:
     in the user's cache.
     """
     return _library(source, tuple(sorted(macros.items())))
+
+
+def check_memory(enough: bool, what: str) -> None:
+    """Raises DomainError: when a loop of `what` got no memory for what it holds."""
+    if not enough:
+        raise DomainError(
+            f"{what}: expected memory for what the loop holds, got none; choose a smaller atlas, or end "
+            "other programs."
+        )
 
 
 def abandon() -> None:

@@ -171,15 +171,11 @@ struct Solver {
 
 // Rows `first` … `last`: `result` (rows, terms, channels) is `matrix` (terms, frequencies) times the profile at `s`.
 // `fields`: sigma_a, sigma_s, g and thickness at rows, layers and channels, by their `strides`.
-extern "C" void weigh(const Header* header, const double* numbers, const float* const* fields, const int64_t* strides,
-                      const float* s, const float* matrix, int64_t first, int64_t last, float* result) {
+static void solve(const Header* header, const double* numbers, const float* const* fields, const int64_t* strides,
+                  const float* s, const float* matrix, int64_t first, int64_t last, float* result) {
   const Asked asked(*header, numbers);
   const Header& h = asked.h;
   const int C = h.channels;
-#if defined(__SSE__)
-  const unsigned state = __builtin_ia32_stmxcsr();
-  __builtin_ia32_ldmxcsr(state | 0x8040);  // denormal numbers are 0: they take a hundred times longer
-#endif
   Solver solver(asked);
   solver.layers.resize(h.layers);
   std::vector<V> spectrum(h.frequencies);
@@ -217,7 +213,18 @@ extern "C" void weigh(const Header* header, const double* numbers, const float* 
       }
     }
   }
+}
+
+// Whether there was memory for what it holds
+extern "C" bool weigh(const Header* header, const double* numbers, const float* const* fields, const int64_t* strides,
+                      const float* s, const float* matrix, int64_t first, int64_t last, float* result) {
+#if defined(__SSE__)
+  const unsigned state = __builtin_ia32_stmxcsr();
+  __builtin_ia32_ldmxcsr(state | 0x8040);  // denormal numbers are 0: they take a hundred times longer
+#endif
+  const bool done = enough([&] { solve(header, numbers, fields, strides, s, matrix, first, last, result); });
 #if defined(__SSE__)
   __builtin_ia32_ldmxcsr(state);
 #endif
+  return done;
 }

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.numerics.native import library
+from texsss.numerics.native import check_memory, library
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
 from texsss.profiles.layered_sp3 import parameters, unreduced
@@ -46,7 +46,7 @@ class Fused:
             return
         self.ready = True
         self._weigh = found.weigh
-        self._weigh.restype = None
+        self._weigh.restype = ctypes.c_bool
         numbers = [*etas, *map(admittance, etas)]
         for cosine, share in directions:
             numbers += [cosine, share, *mirrors(etas, cosine)]
@@ -69,17 +69,18 @@ class Fused:
         self._kept = fields, s.contiguous(), matrix.contiguous()
 
     def __call__(self, rows: slice, result: Float[Tensor, "U K C"]) -> None:
-        """Fills some rows of `result`."""
+        """Fills some rows of `result`. Raises DomainError: when the system has no memory for that."""
         fields, s, matrix = self._kept
         assert 0 <= rows.start <= rows.stop <= len(fields[0]) and rows.step is None
         assert result.shape == (len(fields[0]), len(matrix), fields[0].shape[-1])
         assert result.dtype == torch.float32 and result.is_contiguous()
-        self._weigh(
+        enough = self._weigh(
             *map(ctypes.byref, (self._header, self._numbers, self._fields, self._strides)),
             *(ctypes.c_void_p(x.data_ptr()) for x in (s, matrix)),
             *map(ctypes.c_int64, (rows.start, rows.stop)),
             ctypes.c_void_p(result.data_ptr()),
         )
+        check_memory(enough, "Profiles")
 
 
 def _loop(directions: int) -> ctypes.CDLL | None:

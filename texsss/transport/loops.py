@@ -7,9 +7,8 @@ from typing import Any
 
 import torch
 
-from texsss.errors import DomainError
 from texsss.numerics.memory import room
-from texsss.numerics.native import library
+from texsss.numerics.native import check_memory, library
 from texsss.types import Float, Int, Tensor
 
 PRODUCTS = Path(__file__).with_name("products.cpp")
@@ -39,11 +38,8 @@ def call(function: Any, *args: Tensor | int | float | None) -> None:
     Raises DomainError: when the system has no memory for what the loop needs.
     """
     function.restype = ctypes.c_bool
-    if not function(*map(_argument, args), ctypes.c_int64(torch.get_num_threads())):
-        raise DomainError(
-            "surface diffusion: expected memory for lists of neighbours, got none; choose a smaller atlas, "
-            "or end other programs."
-        )
+    enough = function(*map(_argument, args), ctypes.c_int64(torch.get_num_threads()))
+    check_memory(enough, "Surface diffusion")
 
 
 def _argument(value: Tensor | int | float | None) -> Any:

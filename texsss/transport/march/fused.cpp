@@ -339,10 +339,10 @@ static void exact(const Texture& tex, const float* numbers, const Ray& r, const 
 
 // Points first … last of `points`; `rays` (11, points), `lights` (count, 11, points), `jitter` (points) or null;
 // `samples` above 0 are exact steps spaced by `rate`, below 0 uniform samples. Fills `result` (3, points).
-extern "C" void march(const int32_t* words, const float* coded, const float* maps, int height, int width,
-                      const float* numbers, const float* rays, const float* lights, int count,
-                      const float* jitter, int samples, float rate, int64_t first, int64_t last, int64_t points,
-                      float* result) {
+static void walk(const int32_t* words, const float* coded, const float* maps, int height, int width,
+                 const float* numbers, const float* rays, const float* lights, int count,
+                 const float* jitter, int samples, float rate, int64_t first, int64_t last, int64_t points,
+                 float* result) {
   const Texture tex{words, coded, maps, height, width, 1 / float(height), 1 / float(width)};
   std::vector<Lamp> lamps(count);
   std::vector<Before> before(count);
@@ -370,4 +370,15 @@ extern "C" void march(const int32_t* words, const float* coded, const float* map
     for (int c = 0; c < C; c++)
       for (int i = 0; i < lanes; i++) result[c * points + p + i] = s.total[c][i];
   }
+}
+
+// Whether there was memory for what it holds
+extern "C" bool march(const int32_t* words, const float* coded, const float* maps, int height, int width,
+                      const float* numbers, const float* rays, const float* lights, int count,
+                      const float* jitter, int samples, float rate, int64_t first, int64_t last, int64_t points,
+                      float* result) {
+  return enough([&] {
+    walk(words, coded, maps, height, width, numbers, rays, lights, count, jitter, samples, rate, first, last, points,
+         result);
+  });
 }

@@ -4,7 +4,7 @@ import ctypes
 
 import torch
 
-from texsss.numerics.native import library
+from texsss.numerics.native import check_memory, library
 from texsss.numerics.threads import in_threads
 from texsss.transport.march.interior import Interior
 from texsss.transport.march.kernel import framed
@@ -36,7 +36,7 @@ class Fused:
             return
         self.ready = True
         self._march = found.march
-        self._march.restype = None
+        self._march.restype = ctypes.c_bool
         height, width = interior.depth.shape[:2]
         self._size = (height, width)
         self._words, self._coded = packed(interior.depth, wide)
@@ -60,7 +60,10 @@ class Fused:
         samples: int,
         rate: float,
     ) -> Float[Tensor, "P 3"]:
-        """Radiance inside [W/(m² sr)]; exact steps are spaced by `rate`."""
+        """Radiance inside [W/(m² sr)]; exact steps are spaced by `rate`.
+
+        Raises DomainError: when the system has no memory for what the loop holds.
+        """
         points = ray.shape[1]
         # the loop reads them as they lie
         assert ray.dtype == lights.dtype == torch.float32 and lights.shape[1:] == ray.shape
@@ -71,7 +74,7 @@ class Fused:
         pointer = [x.data_ptr() for x in (self._words, self._coded, self._maps, self._numbers, *tables)]
 
         def work(row: slice) -> None:
-            self._march(
+            enough = self._march(
                 *map(ctypes.c_void_p, pointer[:3]),
                 *map(ctypes.c_int, self._size),
                 *map(ctypes.c_void_p, pointer[3:]),
@@ -82,6 +85,7 @@ class Fused:
                 *map(ctypes.c_int64, (row.start, row.stop, points)),
                 ctypes.c_void_p(result.data_ptr()),
             )
+            check_memory(enough, "March")
 
         in_threads(work, chunks(points, BLOCK))
         return result.T
