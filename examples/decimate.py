@@ -13,6 +13,7 @@ import torch
 from texsss.surface.mesh import Mesh
 
 SEAM_WEIGHT = 4.0  # how much more than the surface the outlines of charts resist
+MOST_DRIFT = 7e-3  # of outlines, in uv: beyond, maps hold what belongs to another chart
 LEAST_TURN = 0.3  # cosine between the normals of a triangle before and after
 Vector = tuple[float, float, float]
 
@@ -42,6 +43,8 @@ class _Collapse:
         self.faces_of: dict[int, set[int]] = defaultdict(set)
         self.quadric = [[0.0] * 10 for _ in self.at]
         self.stamp = [0] * len(self.at)
+        # places in uv that the outlines of charts went through between their ends of now
+        self.outline: dict[tuple, list] = defaultdict(list)
         self.alive = len(self.corners)
         self.heap: list[tuple] = []
         for f, corners in self.corners.items():
@@ -60,6 +63,10 @@ class _Collapse:
         moved = self._moved(v, u)
         if moved is None:
             return
+        outlines = self._outlines(v, moved)
+        if outlines is None:
+            return
+        self.outline.update(outlines)
         for f in list(self.faces_of[v]):
             corners = self.corners[f]
             if u in corners:
@@ -100,7 +107,30 @@ class _Collapse:
             lengths = (_dot(before, before) * _dot(after, after)) ** 0.5
             if _dot(before, after) <= LEAST_TURN * lengths:
                 return None
+            was = _area(*self.uv[f])
+            if was * _area(*(moved[uv] if w == v else uv for w, uv in zip(corners, self.uv[f]))) <= 0:
+                return None
         return moved
+
+    def _outlines(self, v: int, moved: dict) -> dict | None:
+        """The outlines of charts that v takes with it, by their ends in uv; None where they would go astray."""
+        drawn: dict = {}
+        for old, new in moved.items():
+            times: dict = defaultdict(int)
+            for f in self.faces_of[v]:
+                uv = self.uv[f]
+                if uv[self.corners[f].index(v)] == old:
+                    for other in uv:
+                        times[other] += other != old
+            # edges of one face alone are of the outline
+            ends = [uv for uv, n in times.items() if n == 1]
+            passed = [old, *(uv for end in ends for uv in self.outline[_pair(old, end)])]
+            for end in ends:
+                if end != new:
+                    drawn[_pair(new, end)] = passed
+                    if any(_apart(uv, new, end) > MOST_DRIFT for uv in passed):
+                        return None
+        return drawn
 
     def _around(self, v: int) -> set[int]:
         return {w for f in self.faces_of[v] for w in self.corners[f]} - {v}
@@ -157,6 +187,23 @@ def _dot(a: Vector, b: Vector) -> float:
 
 def _length2(a: Vector, b: Vector) -> float:
     return sum((p - q) ** 2 for p, q in zip(a, b, strict=True))
+
+
+def _pair(a, b) -> tuple:
+    return (a, b) if a < b else (b, a)
+
+
+def _apart(p, a, b) -> float:
+    """Distance of p from the line between a and b, in uv."""
+    d = b[0] - a[0], b[1] - a[1]
+    along = ((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / max(d[0] ** 2 + d[1] ** 2, 1e-30)
+    share = min(max(along, 0.0), 1.0)
+    return ((p[0] - a[0] - share * d[0]) ** 2 + (p[1] - a[1] - share * d[1]) ** 2) ** 0.5
+
+
+def _area(a, b, c) -> float:
+    """Twice the signed area of a triangle in uv."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _normal(a: Vector, b: Vector, c: Vector) -> Vector:

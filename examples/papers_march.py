@@ -131,7 +131,7 @@ class Marched(Figures):
     def coarse(self) -> None:
         """François, figures 11, 15, 16: a close-up of a mesh of few triangles."""
         fine = self.mesh(gallery.scene("fish-organs"))
-        coarse = decimated(fine, 2000)
+        coarse = decimated(fine, 2788)
         rows = [[], []]
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "coarse.obj"

@@ -94,7 +94,8 @@ class MethodsSpec(Model):
     With `transmission`, light also comes through from the far side of the object, as much as its
     thickness there lets pass.
     `interreflection`: how often light that left one part of the object lights others. `angular`: beside a
-    march all other light enters and leaves by its angle, not evenly. Neither with `octree` or `parallax`.
+    march all other light enters and leaves by its angle, not evenly; where the surface curves it first
+    scatters beside where it entered, and leaves as steeper light does. Neither with `octree` or `parallax`.
     `diffusion: parallax` shows textures beneath textures instead; pictures alone see them shift.
     """
 

@@ -104,8 +104,8 @@ def in_order(
                 f"at texel {tuple(where)} and "
                 f"{int(above.sum()) - 1} others; "
                 'pass sort=True (in scenes "sort": true) to put them in order, or check which end of the '
-                "grey scale is deep (invert). "
-                "Boundaries that fold over themselves are not supported: a layer has one depth per texel."
+                "grey scale is deep (invert); boundaries that fold over themselves are not supported, as a "
+                "layer has one depth per texel."
             )
     return depth.cummax(-1).values
 
