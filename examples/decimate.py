@@ -113,7 +113,7 @@ class _Collapse:
         return moved
 
     def _outlines(self, v: int, moved: dict) -> dict | None:
-        """The outlines of charts that v takes with it, by their ends in uv; None where they would go astray."""
+        """The outlines of charts that v takes with it, by their ends in uv; None where they go astray."""
         drawn: dict = {}
         for old, new in moved.items():
             times: dict = defaultdict(int)
