@@ -206,7 +206,7 @@ export class App {
     const surface = new SurfaceSection(store, this.initial, host);
     const view = viewSection(store, this.initial);
     const object = new ObjectPanel(store, { showing: () => this.live.showing, openMesh: () => void this.files.openMesh(), sample: () => this.files.sample(), scene: () => this.scene(), name: () => this.name, scenes: known });
-    const method = new MethodPanel(store, this.initial);
+    const method = new MethodPanel(store, this.initial, host);
     const beneath = new BeneathSection(store, host);
     this.panels = [this.layers, surface, this.lights, { sync: () => view.controls.forEach((control) => control.sync()) }, object, method, beneath, this.inside];
 

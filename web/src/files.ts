@@ -101,6 +101,8 @@ export class Files {
     for (const layer of state.layers) layer.thickness_map = null;
     if (state.layers.some((layer) => layer.by === "given")) state.layers = structuredClone(this.host.initial.layers);
     delete state.methods.parallax;
+    delete state.depths;
+    if (state.methods.march) delete state.methods.march.noise_map;
     if (state.methods.diffusion === "parallax") state.methods.diffusion = this.host.initial.methods.diffusion;
   }
 

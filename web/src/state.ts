@@ -14,6 +14,7 @@ export interface Layer {
   sigma_s: Triple;
   g: number;
   eta: number;
+  phase?: MediumSpec["phase"];
   medium?: LayerSpec["medium"];
   /** null: without end. */
   thickness_mm: number | null;
@@ -78,10 +79,10 @@ function layerOf(spec: LayerSpec, media: Record<string, MediumSpec>, presets: Pr
   const { sigma_a_per_mm: a, sigma_s_per_mm: s, g = 0, eta = 1.3 } = medium ?? {};
   const plain = (value: unknown): value is number | Triple => typeof value === "number" || Array.isArray(value);
   const even = !Array.isArray(g) || g.every((value) => value === g[0]); // a card has one for all colours
-  if (!plain(a) || !plain(s) || !even || medium?.phase === "schlick") return { ...base, by: "given", medium: spec.medium };
+  if (!plain(a) || !plain(s) || !even) return { ...base, by: "given", medium: spec.medium };
   const [sigma_a, sigma_s, one] = [triple(a), triple(s), triple(g)[0]];
   const look = { colour: toColour(sigma_a, sigma_s, one), distance_mm: meanFreePath(sigma_a, sigma_s) };
-  return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta };
+  return { ...base, ...look, by: "coefficients", sigma_a, sigma_s, g: one, eta, ...(medium?.phase ? { phase: medium.phase } : {}) };
 }
 
 /** Ways of spreading whose light no other part receives. */
@@ -114,7 +115,7 @@ export function toScene(state: State): Omit<Scene, "camera"> {
     else if (layer.by !== "preset") {
       const { sigma_a, sigma_s } = coefficients(layer);
       medium = `layer-${i + 1}`;
-      media[medium] = { sigma_a_per_mm: sigma_a, sigma_s_per_mm: sigma_s, g: layer.g, eta: layer.eta };
+      media[medium] = { sigma_a_per_mm: sigma_a, sigma_s_per_mm: sigma_s, g: layer.g, eta: layer.eta, ...(layer.phase ? { phase: layer.phase } : {}) };
     }
     const last = i === heard.length - 1;
     const finite = layer.thickness_mm ?? 1;

@@ -9,6 +9,7 @@ const STAGES: Record<string, string> = {
   mesh: "Reading the mesh",
   atlas: "Laying the surface out",
   texels: "Measuring texels",
+  seams: "Following seams",
   occluder: "Preparing shadows",
   light: "Casting light",
   operators: "Joining neighbours",

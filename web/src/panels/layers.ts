@@ -7,12 +7,17 @@ import { RECIPES, SPOKEN } from "../recipes";
 import { coefficients, type Layer, presetLayer, type State } from "../state";
 import type { Store } from "../store";
 import type { Preset, Triple } from "../types";
-import { MAP_FILES, type MapHost } from "./look";
+import { DepthsPart } from "./depths";
+import { IMAGE_NAMES, MAP_FILES, type MapHost } from "./look";
 import { toast } from "../toast";
 import { CrossSection, swatch } from "./section";
 
 const MOST = 8;
 const PAINTED_MM = [0.02, 2] as const; // what black and white are, where nothing says so
+const PHASES: ["henyey-greenstein" | "schlick", string][] = [
+  ["henyey-greenstein", "Henyey–Greenstein"],
+  ["schlick", "Schlick: alike, simpler"],
+];
 const ADDED_MM = 0.2; // how thick a layer is that is put on top
 
 export interface LayersHost extends MapHost {
@@ -28,6 +33,7 @@ export class LayersPanel {
   private readonly chips: [HTMLElement, string][] = []; // and the layers that each stands for
   private readonly presets: Map<string, Preset>;
   private readonly add: HTMLButtonElement;
+  private readonly depths: DepthsPart;
   private open = 0;
   private painted: string | undefined; // the colour map that was last worn
 
@@ -41,7 +47,8 @@ export class LayersPanel {
     this.presets = new Map(presets.map((preset) => [preset.name, preset]));
     this.section = new CrossSection((index) => this.show(index));
     this.add = h("button", { type: "button", class: "wide", onclick: () => this.addLayer() }, icon("add"), "Add a layer on top");
-    this.element.append(this.recipes(), this.section.element, this.cards, this.add);
+    this.depths = new DepthsPart(store, host, fill);
+    this.element.append(this.recipes(), this.section.element, this.cards, this.add, this.depths.element);
     this.sync();
   }
 
@@ -57,6 +64,7 @@ export class LayersPanel {
         this.painted = had ?? this.painted;
         this.store.edit((state) => {
           state.layers = recipe.layers(this.presets);
+          delete state.depths;
           if (!recipe.painted) delete state.surface.albedo;
           else if (this.painted && state.maps[this.painted]) state.surface.albedo = this.painted;
         });
@@ -84,8 +92,8 @@ export class LayersPanel {
   }
 
   sync(): void {
-    const { layers } = this.store.state;
-    const structure = JSON.stringify([layers.map((layer) => [layer.by, layer.muted, layer.thickness_mm === null, layer.thickness_map?.map, layer.thickness_map?.invert]), this.open]);
+    const { layers, depths } = this.store.state;
+    const structure = JSON.stringify([depths !== undefined, layers.map((layer) => [layer.by, layer.muted, layer.thickness_mm === null, layer.thickness_map?.map, layer.thickness_map?.invert]), this.open]);
     if (structure !== this.structure) {
       this.structure = structure;
       this.rebuild();
@@ -97,7 +105,8 @@ export class LayersPanel {
     const made = JSON.stringify(layers);
     for (const [chip, of] of this.chips) chip.setAttribute("aria-pressed", String(of === made));
     this.add.hidden = layers.length >= MOST;
-    this.section.draw(layers);
+    this.depths.sync();
+    this.section.draw(layers, depths !== undefined);
   }
 
   private rebuild(): void {
@@ -185,10 +194,11 @@ export class LayersPanel {
     if (layer.by === "colour" || layer.by === "coefficients") {
       body.append(
         keep(slider(this.store, { label: "Forward g", hint: "-1: light is thrown back, 0: everywhere alike, 1: straight on", min: -0.95, max: 0.95, get: (state) => at(state).g, set: (state, value) => void (at(state).g = value), initial: () => first.g })),
+        keep(choice(this.store, { label: "Scatters as", hint: "The shape around that mean, of light that pictures march; what spreads knows the first alone. All layers that are marched have one", choices: PHASES, pointer: `/media/layer-${heard + 1}/phase`, get: (state) => at(state).phase ?? "henyey-greenstein", set: (state, value) => void (at(state).phase = value) })),
         keep(slider(this.store, { label: "Refractive index η", min: 1, max: 1.6, limits: [1, 3], get: (state) => at(state).eta, set: (state, value) => void (at(state).eta = value), initial: () => first.eta })),
       );
     }
-    body.append(this.thickness(layer, index, keep));
+    body.append(this.store.state.depths ? h("p", { class: "note" }, "It ends where the depth texture says.") : this.thickness(layer, index, keep));
     return body;
   }
 
@@ -276,7 +286,7 @@ export class LayersPanel {
     card.addEventListener("drop", (event) => {
       card.classList.remove("drop");
       const file = event.dataTransfer?.files[0];
-      if (!file || !/\.(png|jpe?g|webp|exr|hdr)$/i.test(file.name)) return;
+      if (!file || !IMAGE_NAMES.test(file.name)) return;
       event.preventDefault();
       event.stopPropagation();
       void this.takeThickness(file, index);
@@ -317,6 +327,12 @@ export class LayersPanel {
       if (last && endless && !layer.thickness_map) layer.thickness_mm = null;
     });
   }
+}
+
+/** A layer for each channel of depth textures and one below; those that are missing are like the deepest. */
+function fill(state: State, channels: number): void {
+  const heard = () => state.layers.filter((layer) => !layer.muted).length;
+  while (heard() <= channels) state.layers.push({ ...structuredClone(state.layers[state.layers.length - 1]), muted: false, thickness_map: null });
 }
 
 function titleOf(layer: Layer): string {

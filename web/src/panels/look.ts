@@ -45,6 +45,9 @@ export function viewSection(store: Store, initial: State): { element: HTMLElemen
 /** What a map may be, as a file field takes it. */
 export const MAP_FILES = "image/png,image/jpeg,image/webp,.exr,.hdr";
 
+/** Names of files that maps are read from. */
+export const IMAGE_NAMES = /\.(png|jpe?g|webp|exr|hdr)$/i;
+
 /** Where pictures come from. */
 export interface MapHost {
   /** Uploads a file and names it as a map; null when it could not. */

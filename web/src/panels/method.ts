@@ -5,6 +5,8 @@ import { h } from "../dom";
 import { ALONE, type State } from "../state";
 import type { Store } from "../store";
 import { MARCH, type Methods, OCTREE, POISSON } from "../types";
+import type { MapHost } from "./look";
+import { boundaries, deepest, noiseMap } from "./march";
 
 type Choices<K extends keyof Methods> = [Methods[K] & string, string][];
 
@@ -27,6 +29,7 @@ export class MethodPanel {
   constructor(
     private readonly store: Store,
     private readonly initial: State,
+    host: MapHost,
   ) {
     const uniform = (methods: Methods) => methods.single_scattering === "uniform";
     const marched = (methods: Methods) => methods.single_scattering !== "none";
@@ -76,8 +79,9 @@ export class MethodPanel {
         ], "Marched light depends on the view: it is blended in when the camera rests. Of panels, balls and surroundings it takes longer"),
         this.number("/methods/march_samples", (methods) => methods.march_samples, (methods, value) => void (methods.march_samples = value), { label: "Steps", min: 1, max: 100, log: true, whole: true, limits: [1, 1000] }, marched),
         this.part("march", MARCH, "noise", uniform, { label: "Noise of the start", unit: "steps", hint: "Each point starts elsewhere within a step, which hides the steps", min: 0, max: 1 }),
-        this.part("march", MARCH, "noise_uv", marched, { label: "Noise of the maps", unit: "uv", hint: "How far from its place each point reads the thickness maps", min: 0, max: 0.1, limits: [0, 1] }),
-        this.deepest(marched),
+        this.part("march", MARCH, "noise_uv", marched, { label: "Noise of the maps", unit: "uv", hint: "How far from its place each point reads the maps of layers", min: 0, max: 0.1, limits: [0, 1] }),
+        this.keep(noiseMap(store, host), marched),
+        this.keep(deepest(store), (methods) => marched(methods) && boundaries(this.store.state) > 0),
         this.byAngle((methods) => marched(methods) && !ALONE.includes(methods.diffusion)),
       ),
     );
@@ -129,26 +133,6 @@ export class MethodPanel {
       set: (state: State, value: boolean) => void (state.methods.angular = value),
     };
     return this.keep(check(this.store, look), where);
-  }
-
-  private deepest(marched: (methods: Methods) => boolean): HTMLElement {
-    const NONE = 20;
-    return this.keep(
-      slider(this.store, {
-        label: "Layers end at most at",
-        hint: "Boundaries between layers are brought up to this depth; at the right end they stay",
-        unit: "mm",
-        min: 0.01,
-        max: NONE,
-        log: true,
-        limits: [0.001, NONE],
-        pointer: "/methods/march/deepest_mm",
-        get: (state) => (typeof state.methods.march?.deepest_mm === "number" ? state.methods.march.deepest_mm : NONE),
-        set: (state, value) => void (state.methods.march = { ...MARCH, ...state.methods.march, deepest_mm: value < NONE ? value : null }),
-        initial: () => NONE,
-      }),
-      (methods) => marched(methods) && this.store.state.layers.filter((layer) => !layer.muted).length > 1,
-    );
   }
 
   sync(): void {

@@ -24,13 +24,14 @@ export class CrossSection {
   private readonly caption = h("figcaption");
   private profile: Profile | null = null;
   private layers: Layer[] = [];
+  private painted = false;
 
   constructor(private readonly pick: (index: number) => void) {}
 
   setProfile(profile: Profile | null): void {
     this.profile = profile;
     this.stale(false);
-    this.draw(this.layers);
+    this.draw(this.layers, this.painted);
   }
 
   /** The reach shown is of other layers. */
@@ -38,7 +39,9 @@ export class CrossSection {
     this.element.classList.toggle("stale", yes);
   }
 
-  draw(layers: Layer[]): void {
+  /** `painted`: depth textures say where layers end; all are drawn alike. */
+  draw(layers: Layer[], painted = false): void {
+    this.painted = painted;
     this.layers = layers;
     const heard = layers.map((layer, index) => ({ layer, index })).filter(({ layer }) => !layer.muted);
     const finite = heard.reduce((sum, { layer }, i) => sum + (this.endless(heard.length, layer, i) ? 0 : (layer.thickness_mm ?? 1)), 0);
@@ -62,7 +65,7 @@ export class CrossSection {
       const rect = s("rect", { x: 0, y: top, width: WIDTH, height: Math.max(tall, 0), fill, class: "stratum", onclick: () => this.pick(index) });
       svg.append(rect);
       if (!last) svg.append(s("line", { x1: 0, x2: WIDTH, y1: top + tall, y2: top + tall, class: "boundary" }));
-      const thickness = layer.thickness_map ? "as painted" : open ? "endless" : `${plain(layer.thickness_mm ?? 1)} mm`;
+      const thickness = layer.thickness_map || (painted && !open) ? "as painted" : open ? "endless" : `${plain(layer.thickness_mm ?? 1)} mm`;
       words.push(thickness);
       if (tall >= 15) {
         const label = `${index + 1} · ${thickness}`;
