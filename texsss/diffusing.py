@@ -91,16 +91,8 @@ class Diffusing(Beneath):
     def _unmarched(self) -> Kept:
         """Exitance of what comes straight from lights and is not marched."""
         # an eye sees angles; textures do not
-        if self.angular is not None:
-            return self._spread(self._bank(self.irradiance_by_angle), "unmarched")
-        lamps = self._bank(self.lamplight)
-        left = self._spread(lamps, "unmarched")
-        if self.lamplight.key == self.irradiance.key:
-            return left
-        # of lights that are not marched all is here
-        whole, part = self._spread(self.bank, "total"), self._spread(lamps, "total")
-        make = lambda: whole.value - part.value + left.value  # noqa: E731
-        return self.stage("exitance", make, "beside", whole, part, left)
+        light = self.irradiance if self.angular is None else self.irradiance_by_angle
+        return self._spread(self._bank(light), "unmarched")
 
     @cached_property
     def echo(self) -> Kept | None:

@@ -28,6 +28,7 @@ THROUGH_RAYS = 15  # that thickness and what it lets pass cost, at about
 EXCHANGE_RAYS, ECHO_RAYS = 12, 4  # what it costs to see other parts, and to gather their light once
 EXCHANGE_BYTES = 12 * LOOKS  # if every look ends on the object
 LAMPS = {"studio": 3, "rectangle": 4, "sphere": 4, "environment": 16}  # samples of a light in the march
+UNSHADOWED = {"studio": 3, "rectangle": 3, "sphere": 3, "environment": 3}  # the same, of looks without rays
 MARCH_SECONDS, STEP_SECONDS = 5e-6, 3e-7  # per hit and lamp, and for each of its steps
 PICTURE_SHARE = 0.6  # of a picture's pixels that show the object, edges counted as often as they are sampled
 PROJECTED_FACES_PER_SECOND = 2.5e4  # where xatlas would take too long
@@ -77,7 +78,8 @@ def estimate(run: Run) -> Estimate:
     seconds = 2.0 + size * size * blur * (1 + bounces) / 3 + texels * rays / RAYS_PER_SECOND
     if run.marching != "none":
         width, height = scene.camera.resolution
-        lamps = sum(LAMPS.get(light.type, 1) for light in run.marched_lights)
+        looks = UNSHADOWED if scene.methods.single_scattering == "auto" else LAMPS
+        lamps = sum(looks.get(light.type, 1) for light in scene.lights)
         each = MARCH_SECONDS + scene.methods.march_samples * STEP_SECONDS
         seconds += PICTURE_SHARE * width * height * lamps * each
     faces = mesh.faces.shape[0]

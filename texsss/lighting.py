@@ -41,12 +41,13 @@ class Lighting(Matter):
         return sites_at(points, mesh, bumped(surface, images, points, mesh))
 
     @cached_property
-    def lamps(self) -> list[Light]:
-        """The lights whose light pictures march."""
-        marched = tuple(self.marched_lights)
-        if len(marched) == len(self.scene.lights):
-            return self.lights
-        return placing.lights(self.scene.model_copy(update={"lights": marched}), self.rest.value[0], {})
+    def parts(self) -> list[Light]:
+        """The lights, surroundings in parts of about one brightness each."""
+        return [
+            part
+            for light in self.lights
+            for part in (light.parts if isinstance(light, Environment) else (light,))
+        ]
 
     def entered(
         self,
@@ -98,14 +99,16 @@ class Lighting(Matter):
         return self.stage("curvature", make, self.texels)
 
     @property
-    def lamplight(self) -> Kept:
-        """Entered irradiance at the texels (P, 3) [W/m²] of the lights that pictures march."""
-        marched = tuple(self.marched_lights)
-        if len(marched) == len(self.scene.lights):
+    def entered_apart(self) -> list[Kept | None]:
+        """Entered irradiance at the texels (P, 3) [W/m²] of each of `parts` alone that has an extent."""
+        return [None if part.is_delta else self._entered_of(k) for k, part in enumerate(self.parts)]
+
+    def _entered_of(self, number: int) -> Kept:
+        if len(self.parts) == 1:
             return self.irradiance
-        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
-        make = lambda: self.entered(sites.value, "light", lights=self.lamps)  # noqa: E731
-        return self.stage("light", make, sites, (marched, {}), eta, seed)
+        sites, eta, seed, part = self.sites, self.stack.value.eta, self.scene.seed, self.parts[number]
+        make = lambda: self.entered(sites.value, "light", lights=[part])  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed, "part", number)
 
     @property
     def irradiance_by_angle(self) -> Kept:

@@ -146,6 +146,7 @@ def scattered_once(
     how: MarchSpec,
     grain: Float[Tensor, "H W C"] | None = None,
     phase: Phase = "henyey-greenstein",
+    entered: Sequence[Tensor | None] = (),
     pixels: int,
     samples: int,
     seed: int,
@@ -153,6 +154,7 @@ def scattered_once(
 ) -> Callable[[Hits], Tensor]:
     """The function from camera hits to the radiance (P, 3) of light scattered once [W/(m² sr)].
 
+    `entered`: per light, an image alike of what enters of it [W/m²] where the march takes that from there.
     `bumps`: shading normals at points where they are not those of the mesh. `scale`: an image over the atlas
     that multiplies it, where profiles are normalised. `thickness`: of the object [mm], an image alike, where
     the profiles end with it. `grain`: the map of its noise. `phase`: of the media's mean cosines. `pixels`:
@@ -170,6 +172,7 @@ def scattered_once(
         noise = Noise(uv=how.noise_uv, start=how.noise, texture=None if grain is None else grain.mean(-1))
     lasting = None if scale is None else Texture.of(scale)
     thick = None if thickness is None else Texture.of(thickness)
+    known = [None if light is None else Texture.of(light) for light in entered]
     march = March(
         mesh,
         planes,
@@ -184,16 +187,17 @@ def scattered_once(
     worth = pixels * samples * len(lights) >= WORTH_COMPILING
 
     def once(hits: Hits) -> Tensor:
-        bent = bumps(hits.points)
+        bent, uv = bumps(hits.points), hits.points.uv(atlas_uv)
         light = march(
             hits.points,
             hits.view,
             normals=None if bent is None else facing(bent, hits.view),
-            thickness=None if thick is None else thick.at(hits.points.uv(atlas_uv))[:, 0],
+            thickness=None if thick is None else thick.at(uv)[:, 0],
+            entered=[None if here is None else here.at(uv) for here in known],
             compiled=worth,
             seed=hits.seed(seed),
         )
-        return light if lasting is None else light * lasting.at(hits.points.uv(atlas_uv))
+        return light if lasting is None else light * lasting.at(uv)
 
     return once
 

@@ -18,12 +18,10 @@ from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.through import weights_through
 from texsss.profiles.weights import Weights, weights_for
-from texsss.specs import EnvironmentSpec, LightSpec, RectangleSpec, SphereSpec
 from texsss.surface.points import Points
 from texsss.transport.march.interior import marches
 from texsss.types import Float, Tensor
 
-EXTENDED = (EnvironmentSpec, RectangleSpec, SphereSpec)  # lights that a march samples: slow, or with grain
 SOME = 1024  # texels at which a varying material is averaged
 
 
@@ -180,7 +178,7 @@ class Matter(Ground):
         if methods.single_scattering != "auto":
             return methods.single_scattering
         fits = methods.marches_unasked and marches(self.stack.value)
-        return "exact" if fits and self.marched_lights else "none"
+        return "exact" if fits and self.scene.lights else "none"
 
     @property
     def phase(self) -> Literal["henyey-greenstein", "schlick"]:
@@ -222,14 +220,6 @@ class Matter(Ground):
             "A layer's thickness differs between colours, so pictures march no light that scattered once: "
             'the light of textures holds it; choose one "channel" of the thickness map to have it marched.'
         ]
-
-    @property
-    def marched_lights(self) -> list[LightSpec]:
-        """The scene's lights whose light is marched, if any is; unless asked for, those without extent."""
-        methods, lights = self.scene.methods, self.scene.lights
-        if methods.single_scattering != "auto" or methods.angular:
-            return list(lights)
-        return [light for light in lights if not isinstance(light, EXTENDED)]
 
     @cached_property
     def angular(self) -> Kept | None:

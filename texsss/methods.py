@@ -89,8 +89,8 @@ class MethodsSpec(Model):
 
     With `single_scattering`, pictures march light scattered once through the layers in `march_samples`
     steps and diffuse only the rest; textures hold both, since they know no eye. `auto`: `exact` with
-    profile `layered-sp3` and diffusion `surface` or `uv`, for the light of points, spots, suns and the
-    studio (with `angular` of all); `none` with others, and where a thickness differs between colours.
+    profile `layered-sp3` and diffusion `surface` or `uv`, lights with an extent scaled to what of them enters
+    at the texels, without rays or grain; `none` with others, and where a thickness differs between colours.
     With `transmission`, light also comes through from the far side of the object, as much as its
     thickness there lets pass.
     `interreflection`: how often light that left one part of the object lights others. `angular`: beside a

@@ -84,16 +84,16 @@ class Run(Diffusing):
 
     @property
     def marches(self) -> dict[str, str | int]:
-        """How pictures march, as the report says it; lights that are not marched diffuse all of theirs."""
+        """How pictures march, as the report says it."""
         if self.marching == "none":
             return {"method": "none"}
-        steps, lights = self.scene.methods.march_samples, len(self.marched_lights)
-        return {
-            "method": self.marching,
-            "steps": steps,
-            "lights": lights,
-            "of_lights": len(self.scene.lights),
-        }
+        steps, lights = self.scene.methods.march_samples, len(self.scene.lights)
+        return {"method": self.marching, "steps": steps, "lights": lights, "of_lights": lights}
+
+    @property
+    def known_to_enter(self) -> list[Kept | None]:
+        """Per light part, what enters of it at the texels, where the march takes that from there."""
+        return self.entered_apart if self.scene.methods.single_scattering == "auto" else []
 
     @property
     def posed(self) -> dict[str, str | float] | None:
@@ -133,11 +133,14 @@ class Run(Diffusing):
             # as the weights: a stack without a bottom ends with the object, one with a bottom by itself
             far = self.far_side.value.thickness.clamp_max(mesh.diagonal_mm)
             thickness = texels.to_image(far[:, None])
+        known = self.known_to_enter
+        looks = placing.environment_samples(self.scene), placing.area_samples(self.scene)
         return scattered_once(
             self.marched_stack.value,
             mesh,
             self.planes.value,
-            self.lamps,
+            self.parts if known else self.lights,
+            entered=[None if light is None else texels.to_image(light.value) for light in known],
             atlas_uv=texels.atlas_uv,
             bumps=self.normals_at,
             scale=scale,
@@ -149,8 +152,8 @@ class Run(Diffusing):
             phase=self.phase,
             pixels=math.prod(self.scene.camera.resolution),
             occluder=self.occluder.value,
-            environment_samples=-(-placing.environment_samples(self.scene) // LOOKS_PER_MARCH),
-            area_samples=-(-placing.area_samples(self.scene) // LOOKS_PER_MARCH),
+            environment_samples=-(-looks[0] // LOOKS_PER_MARCH),
+            area_samples=looks[1] if known else -(-looks[1] // LOOKS_PER_MARCH),
             seed=self.scene.seed,
         )
 
@@ -249,8 +252,8 @@ class Run(Diffusing):
                 **self.hooks("picture"),
             )
 
-        how = (self.marching, tuple(self.marched_lights), methods.march_samples, methods.march, self.grain)
-        marched = None if once is None else (self.planes, how)
+        how = self.marching, methods.march_samples, methods.march, self.grain
+        marched = None if once is None else (self.planes, how, self.known_to_enter)
         lit = (
             self.mesh,
             image,

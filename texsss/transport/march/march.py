@@ -26,7 +26,7 @@ from texsss.transport.march.planes import (
     rounded_radius,
     tangent_planes,
 )
-from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, view_rays
+from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, scaled_to, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
@@ -109,6 +109,7 @@ class March:
         *,
         thickness: Float[Tensor, " P"] | None = None,
         normals: Float[Tensor, "P 3"] | None = None,
+        entered: Sequence[Float[Tensor, "P 3"] | None] | None = None,
         compiled: bool = False,
         seed: int = 0,
         progress: Progress | None = None,
@@ -122,6 +123,9 @@ class March:
         which takes seconds. `thickness` (P,) [mm]: of the object along the normal; nothing scatters
         beyond it, however deep the last layer is. `normals` (P, 3): shading normals, bumps included, in
         place of the mesh's; they are to face the eye.
+        `entered`: what enters here of each light, shadows included [W/m²], where it is known. Such a light is
+        asked for its directions alone, the same for all points, and no shadow rays are cast: what the march
+        makes of it unshadowed is scaled to what entered, which leaves no grain.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
         Raises ShapeError, DomainError: when the view does not fit. Raises Cancelled.
@@ -149,8 +153,18 @@ class March:
                 sites = surface.at(here[facing])
                 if normals is not None:
                     sites = replace(sites, normal=normals[row][facing].to(home))
+                known = [None if e is None else e[row][facing].to(home) for e in entered or []]
                 left = self._gathered(
-                    sites, gather, here[facing], towards[facing], thick, jitter, seed, generator, cancel
+                    sites,
+                    gather,
+                    here[facing],
+                    towards[facing],
+                    thick,
+                    jitter,
+                    known,
+                    seed,
+                    generator,
+                    cancel,
                 )
                 result = result.index_put((facing,), left)
             ended.append(row)
@@ -183,6 +197,7 @@ class March:
         towards: Float[Tensor, "P 3"],
         thickness: Float[Tensor, " P"] | None,
         jitter: Float[Tensor, "P 3"] | None,
+        entered: Sequence[Float[Tensor, "P 3"] | None],
         seed: int,
         generator: torch.Generator,
         cancel: Cancel | None,
@@ -197,12 +212,17 @@ class March:
         waiting: list[Tensor] = []
         for number, light in enumerate(self.lights):
             count = 1 if light.is_delta else self._counts[not isinstance(light, Environment)]
-            for square in _squares(light, count, len(here), seed + number, generator):
+            known = entered[number] if entered else None
+            squares = _squares(
+                light, count, len(here), seed + number, None if known is not None else generator
+            )
+            looks = (light.sample(sites.position, sites.normal, s.to(sites.position)) for s in squares)
+            if known is not None:
+                looks = scaled_to(known, list(looks), sites.normal, eta)
+            for seen in looks:
                 check_cancelled(cancel)
-                seen = light.sample(sites.position, sites.normal, square.to(sites.position))
-                waiting.append(
-                    light_scalars(sites, rays, seen, eta, gather.size, occluder, origin, 1 / count)
-                )
+                shadows = occluder if known is None else None
+                waiting.append(light_scalars(sites, rays, seen, eta, gather.size, shadows, origin, 1 / count))
                 if len(waiting) == TOGETHER:
                     total = total + gather(rays.scalars, torch.stack(waiting), shift)
                     waiting = []
@@ -223,11 +243,17 @@ def fitted_planes(mesh: Mesh, radius_mm: float) -> Planes:
 
 
 def _squares(
-    light: Light, count: int, points: int, seed: int, generator: torch.Generator
+    light: Light, count: int, points: int, seed: int, generator: torch.Generator | None
 ) -> Iterator[Tensor]:
-    """`count` samples of a light per point in the unit square, one good set shifted from point to point."""
+    """`count` samples of a light per point in the unit square, one good set for all.
+
+    It is shifted from point to point where there is a generator.
+    """
     if light.is_delta:
         yield torch.full((points, 2), 0.5)
+        return
+    if generator is None:
+        yield from (look.expand(points, 2) for look in SobolEngine(2).draw(count + 1)[1:])
         return
     shift = torch.rand(points, 2, generator=generator)
     if count == 1:

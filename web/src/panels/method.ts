@@ -72,11 +72,11 @@ export class MethodPanel {
       section(
         "First bounce",
         this.pick("single_scattering", "Scattered once", [
-          ["auto", "marched, of lamps and suns"],
+          ["auto", "marched"],
           ["none", "with all the rest"],
-          ["exact", "marched, of every light"],
+          ["exact", "marched, with rays to every light"],
           ["uniform", "marched in even steps"],
-        ], "Marched light depends on the view: it is blended in when the camera rests. Of panels, balls and surroundings it takes longer"),
+        ], "Marched light depends on the view: it is blended in when the camera rests. With rays to panels, balls and surroundings it takes longer"),
         this.number("/methods/march_samples", (methods) => methods.march_samples, (methods, value) => void (methods.march_samples = value), { label: "Steps", min: 1, max: 100, log: true, whole: true, limits: [1, 1000] }, marched),
         this.part("march", MARCH, "noise", uniform, { label: "Noise of the start", unit: "steps", hint: "Each point starts elsewhere within a step, which hides the steps", min: 0, max: 1 }),
         this.part("march", MARCH, "noise_uv", marched, { label: "Noise of the maps", unit: "uv", hint: "How far from its place each point reads the maps of layers", min: 0, max: 0.1, limits: [0, 1] }),
