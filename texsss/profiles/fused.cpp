@@ -3,10 +3,11 @@
 // layered_sp3.py and what these use; names are the same.
 
 #include "diffusion.h"
+#include "four_streams.h"
 #include "once.h"
 #include "sweep.h"
 
-constexpr float DETOUR = 2, FEW = 1e-6f;
+constexpr float FEW = 1e-6f;
 constexpr int TOGETHER = 2;  // frequencies, or terms, side by side
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
@@ -21,6 +22,7 @@ struct Asked {
   Direction directions[BEAMS], level[BEAMS];
   std::vector<Exit> exits[2], straight;  // as seen from above, and from below
   const Parameters* sets[2];
+  const Streams* streams;
 
   Asked(const Header& header, const double* numbers) : h(header) {
     auto next = [&](size_t count) {
@@ -50,6 +52,7 @@ struct Asked {
       }
       sets[side] = (const Parameters*)next(31 * h.sets);
     }
+    if (h.deflected) streams = (const Streams*)next(14);
   }
 };
 
@@ -63,7 +66,8 @@ struct Solver {
   std::vector<Sweep> sweeps, others;
   Layers layers, below, pale, unreduced;  // from the surface inwards, from below; without absorption; in truth
   Lights lights, beneath, shining, unreduced_lights, level;
-  V factor;
+  FourStreams four;
+  V factor, passed;  // of multiple scattering, and of all on its way through
 
   explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets) {}
 
@@ -78,7 +82,8 @@ struct Solver {
       return;
     }
     if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
-    if (h.deflected) prepare_truly();
+    passed = all(1);
+    if (h.deflected && (!h.below || !h.twice)) prepare_truly();
     if (h.marched) {
       const Layers& seen = h.deflected ? unreduced : layers;
       light_in(seen, endless, asked.level, level);
@@ -88,8 +93,12 @@ struct Solver {
     for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
     factor = furnace();
     if (!h.deflected) return;
-    V more = factor * swept(sweeps, 0), handed = survival() * (reduced.at(0) - truly.at(0));
-    factor *= positive(1 + handed / (more + 1e-20f));
+    V more = factor * swept(sweeps, 0), once = reduced.at(0);
+    V handed = four.lacking(layers, endless, h.below, asked.directions, *asked.streams);
+    if (h.below)
+      passed = positive(1 + handed / (more + once + FEW));
+    else
+      factor *= positive(1 + (handed + once - truly.at(0)) / (more + 1e-20f));
   }
 
   void prepare_truly() {
@@ -135,20 +144,6 @@ struct Solver {
     return greater(lesser((lacking + FEW) * inverse(have + FEW), all(2)), all(0.5f));
   }
 
-  // Share that is left of light bound outwards in the reduced medium, and inwards in truth
-  V survival() const {
-    V left = {}, total = all(TINY);
-    for (int k = 0; k < h.layers; k++)
-      for (int j = 0; j < BEAMS; j++) {
-        const Light& light = lights[k * BEAMS + j];
-        V onwards = k + 1 < h.layers ? lights[(k + 1) * BEAMS + j].down : endless ? V{} : light.down * light.beam;
-        V scattered = light.share * (light.down - onwards);
-        left += scattered * decay(DETOUR * layers[k].sigma_a / layers[k].sigma);
-        total += scattered;
-      }
-    return left / total;
-  }
-
   void spectrum(const float* s, V* result) const {
     int i = 0;
     if (!h.sp3)
@@ -162,8 +157,9 @@ struct Solver {
 
   V at(float s) const {
     V total = {};
-    if (h.once) total = h.deflected ? truly.at(s) : reduced.at(s);
+    if (h.once) total = h.deflected && (!h.below || !h.twice) ? truly.at(s) : reduced.at(s);
     if (h.twice) total += factor * swept(sweeps, s);
+    total *= passed;
     if (h.marched) total -= marched.at(s);
     return total;
   }

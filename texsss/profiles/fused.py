@@ -7,6 +7,7 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.numerics.native import check_memory, library
+from texsss.profiles.four_streams import moments
 from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
 from texsss.profiles.layered_sp3 import parameters, unreduced
@@ -58,8 +59,11 @@ class Fused:
                 numbers += exit_
             for weight, *modes in sets:
                 numbers += [weight, *(x for m in modes for pair in m for x in pair)]
+        deflected = two and unreduced(table)
+        if deflected:
+            numbers += moments(etas, below)
         header = [two, len(etas), table.channels, table.bottomless, below, scattering != "multiple"]
-        header += [scattering != "single", two and unreduced(table, side, scattering)]
+        header += [scattering != "single", deflected]
         header += [scattering == "unmarched" and not below, len(leaving), len(sets), *matrix.shape]
         self._header = (ctypes.c_int32 * len(header))(*map(int, header))
         self._numbers = (ctypes.c_double * len(numbers))(*numbers)

@@ -15,15 +15,15 @@ import torch
 from texsss.media.stack import LayerTable
 from texsss.profiles import single
 from texsss.profiles.blocks import Loops, Solver, solved
+from texsss.profiles.four_streams import lacking
 from texsss.profiles.single import Node, scattered_once
-from texsss.profiles.slab import TINY, Directions, added, extinguished, from_side, light_in
+from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
 from texsss.profiles.two_modes import TwoModes, two_modes
 from texsss.types import Float, Tensor
 
-DETOUR = 2.0  # fits what half-spaces and slabs of g = .8 return: 1.5 to 3 would
-FEW = 1e-6  # multiply scattered light [of what entered] below which its normalisation fades out
+FEW = 1e-6  # light [of what entered] below which what scales it fades out
 
 
 class Prepared(NamedTuple):
@@ -32,6 +32,7 @@ class Prepared(NamedTuple):
     once: tuple[Node, ...]  # none if only multiple scattering was asked for
     sweeps: tuple[Sweep, ...]  # none if only single scattering was
     share: tuple[Tensor, ...]  # of every sweep, (1, N)
+    passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
     marched: tuple[Node, ...]  # what is left to the march; none unless asked for
 
 
@@ -48,21 +49,21 @@ def profile(
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
     `scattering`: total, single, multiple, or unmarched, the total less `_marched`.
-    In reflectance single scattering follows `phase`, and the
-    multiple part, whose similarity is σs' = σs (1 - g), isotropic, takes up what the reduced and
-    isotropic single scattering counts beyond it, less what is absorbed before it turns back, spread like
-    itself. Transmittance keeps to the reduced
-    coefficients, in which light that is hardly deflected is part of the beam; of it only `single`
-    knows `phase`. Differentiable in `table` and `s`.
+    In reflectance single scattering follows `phase`, and the multiple part, whose similarity is
+    σs' = σs (1 - g), isotropic, takes up what the reduced and isotropic single scattering counts beyond it,
+    and what similarity lacks (`four_streams`), spread like itself. Transmittance keeps to the reduced
+    coefficients, in which light that is hardly deflected is part of the beam, but for what similarity lacks,
+    of which single and multiple scattering have their shares; only `single` knows `phase`.
+    Differentiable in `table` and `s`.
     """
     asked = (directions, side, scattering, phase)
-    solver = Solver(prepare, asked, spectrum, side, unreduced(table, side, scattering))
+    solver = Solver(prepare, asked, spectrum, side, unreduced(table))
     return solved(table, s, solver, loops)
 
 
-def unreduced(table: LayerTable, side: str, scattering: str) -> bool:
-    """Whether single scattering has the true coefficients, not the reduced ones."""
-    return not table.isotropic and (side == "reflectance" or scattering == "single")
+def unreduced(table: LayerTable) -> bool:
+    """Whether light is scattered forwards or backwards, so that reduced coefficients do not say all."""
+    return not table.isotropic
 
 
 @no_type_check
@@ -76,20 +77,26 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if unreduced is not None:
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
     if scattering == "single":
-        return Prepared(once, (), (), ())
+        return Prepared(once, (), (), None, ())
     sweeps, weights = _sweeps(layers, lights, side)
     factor = _furnace(layers, lights, directions)
+    passed = None
     if unreduced is not None:
         zero = factor.new_zeros(1, 1)
         whole = factor * _swept(sweeps, weights, zero)
-        handed = _survival(layers, lights) * (scattered_once(reduced, zero) - scattered_once(once, zero))
-        # backward scattering can ask for more than there is
-        factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
+        handed = lacking(layers, directions, side)
+        if side == "reflectance":
+            handed = handed + scattered_once(reduced, zero) - scattered_once(once, zero)
+            # backward scattering can ask for more than there is
+            factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
+        else:
+            once = reduced
+            passed = (1 + handed / (whole + scattered_once(reduced, zero) + FEW)).clamp_min(0)
     marched = ()
     if scattering == "unmarched" and side == "reflectance":
         marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
     once = () if scattering == "multiple" else once
-    return Prepared(once, sweeps, tuple(factor * w for w in weights), marched)
+    return Prepared(once, sweeps, tuple(factor * w for w in weights), passed, marched)
 
 
 @no_type_check
@@ -99,6 +106,8 @@ def spectrum(prepared, s):
     s2 = s * s
     terms += [share * scattered_twice(sweep, s, s2) for share, sweep in zip(prepared.share, prepared.sweeps)]
     total = added(terms)
+    if prepared.passed is not None:
+        total = total * prepared.passed
     return total - scattered_once(prepared.marched, s) if prepared.marched else total
 
 
@@ -107,24 +116,6 @@ def _marched(layers, phase, directions):
     """Light scattered once as the march sees it: through one refractive index, and no face mirrors it."""
     level = [layer._replace(eta=layers[0].eta) for layer in layers]
     return single.prepare(level, light_in(level, directions, mirrored=False), phase)
-
-
-@no_type_check
-def _survival(layers, lights):
-    """Share that is left of light bound outwards in the reduced medium, and inwards in truth, (1, N).
-
-    Before it comes back it goes DETOUR transport mean free paths of the layer where it first scatters.
-    """
-    left, whole = 0.0, TINY
-    for k, (layer, beams) in enumerate(zip(layers, lights)):
-        for i, light in enumerate(beams):
-            onwards = lights[k + 1][i].down if k + 1 < len(layers) else 0.0
-            if k + 1 == len(layers) and light.beam is not None:
-                onwards = light.down * light.beam
-            scattered = light.share * (light.down - onwards)
-            left = left + scattered * torch.exp(-DETOUR * layer.sigma_a / layer.sigma)
-            whole = whole + scattered
-    return left / whole
 
 
 @no_type_check
