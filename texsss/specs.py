@@ -127,8 +127,8 @@ class MapValue(Model):
 class MediumSpec(Model):
     """A preset, or coefficients [1/mm]; a map as coefficient varies over the surface.
 
-    `g`: mean cosine of scattering. `phase`: the shape around it of light that pictures march; what
-    diffuses knows Henyey and Greenstein's.
+    `eta` beyond 1.6 wants `methods.profile` layered-diffusion. `g`: mean cosine of scattering. `phase`: the
+    shape around it of light that pictures march; diffusion has Henyey and Greenstein's.
     """
 
     preset: str | None = None
