@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from paging import METHODS, SMALL, settle, state
+from paging import METHODS, settle, state
 from PIL import Image
 from test_places import AXE, violations
 
@@ -15,7 +15,7 @@ def test_depth_textures_and_what_marches_through_them(visit, tmp_path):
     Image.fromarray(four).save(tmp_path / "organs.png")
     grain = np.random.default_rng(0).integers(0, 255, (16, 16), np.uint8)
     Image.fromarray(grain).save(tmp_path / "grain.png")
-    page = visit({"methods": METHODS}, **SMALL)
+    page = visit({"methods": METHODS})
 
     def choose(button: str, name: str) -> None:
         with page.expect_file_chooser() as chooser:
