@@ -21,8 +21,8 @@ def intermediate(run: Run, name: str) -> Float[Tensor, "H W C"]:
 
     irradiance, exitance [W/m²], radiance [W/(m² sr)], albedo; diffused: exitance before the albedo that
     applies after diffusion; position [mm], normal; texel-mm: edge of a texel [mm]; metric: its longest and
-    shortest extent, ½ where they are the atlas' typical texel, and shortest / longest; through-mm: how thick
-    the object is [mm], 0 without a far side; seam-jump: by how much exitance differs across seams [W/m²], at
+    shortest extent e as e / (e + the atlas' typical texel), and shortest / longest; through-mm: how thick the
+    object is [mm], 0 without a far side; seam-jump: by how much exitance differs across seams [W/m²], at
     their texels alone; coverage: 1 on the surface; gaussian-N: lights blurred by the N-th Gaussian [W/m²];
     weight-N: its share; thickness-N: of the N-th layer [mm], 0 where it has no end. `single` alone lies over
     the picture: radiance of light that was scattered once.
@@ -106,7 +106,8 @@ def _metric(run: Run) -> Float[Tensor, "H W 3"]:
     texels = run.texels.value
     longest, shortest = face_stretch(texels.mesh, texels.atlas_uv, texels.size).unbind(-1)
     ratio = torch.where(longest > 0, shortest / torch.where(longest > 0, longest, 1), 0)
-    faces = torch.stack([longest / (2 * texels.texel_mm), shortest / (2 * texels.texel_mm), ratio], -1)
+    typical = texels.texel_mm  # slivers are many times as long: they must not darken all the others
+    faces = torch.stack([longest / (longest + typical), shortest / (shortest + typical), ratio], -1)
     faces = faces.to(texels.area)
     return run.baked().image(faces[texels.points.face.long()])
 
