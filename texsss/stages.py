@@ -21,7 +21,7 @@ STAGE_VERSIONS = {
     "sites": 1,
     "curvature": 1,
     "light": 4,
-    "operators": 8,
+    "operators": 9,
     "doubts": 1,
     "bank": 1,
     "thickness": 1,

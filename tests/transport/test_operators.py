@@ -14,6 +14,7 @@ from texsss.transport.gutter import gutter_means
 from texsss.transport.lattice import blur, kernel, lattice
 from texsss.transport.neighbours import pairs_within
 from texsss.transport.operators import surface_operators
+from texsss.transport.stencil import VARIANCE
 from texsss.transport.uv import diffuse_uv
 
 LADDER = torch.tensor([0.0, 40.0, 160.0, 600.0])  # mm²
@@ -38,21 +39,26 @@ def test_neighbours_are_those_of_all_pairs(other: bool):
         ([[0, 0.3], [0.65, 0], [1.0, 0.7], [0.35, 1.0]], [(97.0, 103.0), (104.0, 91.0)]),
     ],
 )
-def test_a_lit_texel_spreads_to_the_gaussian_in_mm_whatever_the_shear(corners, spots):
-    texels = square(128, 200.0, uv=torch.tensor(corners))
+def test_a_lit_texel_spreads_to_the_gaussians_in_mm_whatever_the_shear(corners, spots):
+    """Each, and Σ_k w_k G(v_k, r): what `uv` does on a square without shear, to the same 1 %."""
+    texels = square(256, 200.0, uv=torch.tensor(corners))
     position = texels.points.position(texels.mesh)
     lit_ones = [int((position - position.new_tensor([*spot, 0])).norm(dim=1).argmin()) for spot in spots]
     light = torch.zeros(len(texels), len(spots))
     for column, spot in enumerate(lit_ones):
         light[spot, column] = 1 / texels.area[spot]
-    # 2.6, 5.0 and 9.6 texels; measured here up to 6.6 %, 2.5 % and 2.0 %, the lattice's grain
-    limits = {30.0: 0.07, 110.0: 0.03, 400.0: 0.023}
-    blurred = surface_operators(texels, torch.tensor(list(limits))).applied(light)
+    variances = torch.tensor([8.0, 30.0, 110.0, 400.0])  # 2.7 texels of 1.04 mm and up
+    weights = torch.tensor([0.1, 0.4, 0.3, 0.2])
+    blurred = surface_operators(texels, variances).applied(light)
     for column, spot in enumerate(lit_ones):
         squared = (position - position[spot]).square().sum(-1)
-        for (variance, limit), copy in zip(limits.items(), blurred[..., column], strict=True):
-            expected = gaussian(variance, squared)
-            assert (copy - expected).norm() < limit * expected.norm()
+        exact = torch.stack([gaussian(float(variance), squared) for variance in variances])
+        # measured up to .76 %
+        assert bool(((blurred[..., column] - exact).norm(dim=1) < 0.01 * exact.norm(dim=1)).all())
+        found, expected = weights @ blurred[..., column], weights @ exact
+        # measured up to .45 %, and .9 % of the peak
+        assert (found - expected).norm() < 0.01 * expected.norm()
+        assert (found - expected).abs().max() < 0.01 * expected.max()
 
 
 def test_constants_stay_and_energy_nearly_does():
@@ -91,7 +97,7 @@ def test_lattices_make_the_gaussian_of_all_pairs(variance: float):
     place = torch.nn.functional.normalize(torch.randn(900, 3, generator=generator), dim=1) * 40
     held = torch.rand(900, 1, generator=generator)
     nodes = lattice(place, math.sqrt(variance) / 2)
-    around = blur(nodes, variance - nodes.edge**2 / 3)
+    around = blur(nodes, variance - 2 * VARIANCE * nodes.edge**2)
     found = nodes.ways.up(around.times(nodes.ways.down([held])))
     kernel = torch.exp(torch.cdist(place.double(), place.double()).square() / (-2 * variance))
     expected = kernel @ held.double() * nodes.edge**3 / (2 * math.pi * variance) ** 1.5
@@ -204,7 +210,7 @@ def test_white_light_is_spread_once():
 def test_what_does_not_fit_goes_along_uv_with_a_notice():
     texels, notices = ball(48), []
     values = lit(texels)
-    kept = diffusion(texels, "surface", budget_bytes=250 * len(texels), notice=notices.append)(values, LADDER)
+    kept = diffusion(texels, "surface", budget_bytes=400 * len(texels), notice=notices.append)(values, LADDER)
     assert len(notices) == 1 and "stop at seams" in notices[0]
     # 600 mm² fits
     torch.testing.assert_close(kept[3], surface_operators(texels, LADDER[3:]).applied(values)[0])

@@ -15,10 +15,10 @@ KERNEL_ENTRY = 2.0  # of a kernel, all in all, as long as texels are even
 KERNEL_TEXEL = 20
 PAIR = 8  # a place and a distance, while a kernel is made
 CROWDED = 1.3  # texels are that much denser than typical ones where pairs are counted
-FIRST_NODES, NODES = 2.8, 4.8  # of the finest lattice, and of coarser ones, per edge² of surface
+FIRST_NODES, NODES = 3.4, 6.8  # of the finest lattice, and of coarser ones, per edge² of surface
 MOST_NODES = 8.0  # per texel
-WAY = 16  # of a point to the next lattice
-NODE = 76  # of a lattice with one Gaussian
+WAY = 17  # of a point to the next lattice
+NODE = 110  # of a lattice with one Gaussian
 SHARE = 8  # of a texel per Gaussian over lattices
 MAKING_LATTICE, MAKING_NODE = 100, 80  # of a texel and of a node, while they are made
 ASKED = 32  # texels that are asked how many others are near
@@ -44,7 +44,7 @@ def affordable(
     for k in torch.argsort(variances, descending=True).tolist():
         deviation = float(variances[k]) ** 0.5 / texel
         if deviation >= LATTICE_FROM:
-            nodes = mean / edge_for(deviation, 1.0) ** 2
+            nodes = mean / edge_for(deviation, 1.0, count) ** 2
             first, nodes = min(MOST_NODES, FIRST_NODES * nodes), min(MOST_NODES, NODES * nodes)
             # of all but the finest lattice, nodes are points of the way to the next one
             lattices += (NODE + WAY) * (first if lattices == 0 else nodes) + SHARE

@@ -21,16 +21,19 @@ from texsss.numerics.sparse import Sparse
 from texsss.surface.points import TexelMaps
 from texsss.transport.gutter import fill_gutter, gutter_means
 from texsss.transport.kernels import Kernel, Planes
-from texsss.transport.lattice import blur, lattice
+from texsss.transport.lattice import NARROWEST, blur, lattice
 from texsss.transport.levels import Level, over, over_transposed
 from texsss.transport.smoothing import smoothing
+from texsss.transport.stencil import VARIANCE
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 LATTICE_FROM = 1.6  # texels; standard deviation from which Gaussians go over lattices
 TRACE = 1e-6  # of a texel: the weight of one on a face without area
-EDGES = 1.2, 2.0  # of a lattice per standard deviation, the least and the most
-COST = 0.6  # edges per standard deviation where that is a texel; more where lattices are small
-APART = 1.25  # edges of lattices, at the least
+EDGES = 0.9, 1.6  # of a lattice per standard deviation, at the least: of MANY texels and more, and of few
+MANY = 650_000
+MOST_EDGES = 2.0  # per standard deviation
+COST = 0.4  # edges per standard deviation where that is a texel; more where lattices are small
+APART = 1.4  # edges of lattices, at the least
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,10 +195,14 @@ def fine_texel(texels: TexelMaps) -> float:
     return max(min(texels.texel_mm, harmonic), 1e-30)
 
 
-def edge_for(deviation: float, texel: float) -> float:
-    """Edge [mm] of the lattice for a Gaussian of this standard deviation [mm] over texels of an edge [mm]."""
-    least, most = EDGES
-    return deviation / min(max(COST * math.sqrt(deviation / texel), least), most)
+def edge_for(deviation: float, texel: float, texels: int) -> float:
+    """Edge [mm] of the lattice for a Gaussian of this standard deviation [mm] over `texels` of an edge [mm].
+
+    Few texels have finer lattices, which cost them little.
+    """
+    low, high = EDGES
+    least = min(max(low * (MANY / texels) ** 0.25, low), high)
+    return deviation / min(max(COST * math.sqrt(deviation / texel), least), MOST_EDGES)
 
 
 class _Builder:
@@ -234,10 +241,12 @@ class _Builder:
         """Add Gaussians of these variances [mm²], ascending, over lattices."""
         points, held = self.place, 0.0  # held: variance of what is on the lattice, and comes back [mm²]
         while ladder:
-            edge = edge_for(math.sqrt(ladder[0]), self.typical)
-            nodes = lattice(points, edge, self.cancel)
-            held += nodes.edge**2 / 3  # there and back
-            together = [v for v in ladder if edge_for(math.sqrt(v), self.typical) < APART * edge]
+            edge = self._edge(ladder[0])
+            together = [v for v in ladder if self._edge(v) < APART * edge]
+            # ways there and back, and the narrowest kernel, are to spread less than is asked for
+            most = math.sqrt(max(ladder[0] - held, 0) / (2 * VARIANCE + NARROWEST**2))
+            nodes = lattice(points, min(edge, max(most, edge / 2)), self.cancel)
+            held += 2 * VARIANCE * nodes.edge**2
             ladder = ladder[len(together) :]
             blurs = []
             for variance in together:
@@ -245,6 +254,9 @@ class _Builder:
                 self.tell()
             self.levels.append(Level(nodes.ways, tuple(together), tuple(blurs)))
             points = nodes.place
+
+    def _edge(self, variance: float) -> float:
+        return edge_for(math.sqrt(variance), self.typical, len(self.place))
 
     def finished(self, variances: Float[Tensor, " K"], result: tuple[int, ...]) -> Operators:
         """All of it."""

@@ -4,16 +4,11 @@
 
 #include "bricks.h"
 #include "columns.h"
+#include "stencil.h"
 
 #ifdef __AVX2__
 #include <immintrin.h>
 #endif
-
-static inline void corner_weights(const float* beyond, float w[8]) {
-  const float x = beyond[0], y = beyond[1], z = beyond[2];
-  const float xy[4] = {(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y};
-  for (int i = 0; i < 4; i++) w[2 * i] = xy[i] * (1 - z), w[2 * i + 1] = xy[i] * z;
-}
 
 constexpr int STRIP = 16;  // rows whose entries stand side by side
 constexpr int HALF = STRIP / 2;
@@ -78,53 +73,53 @@ static void strips_times(int64_t first, int64_t last, int64_t rows, const int32_
   }
 }
 
-constexpr int AHEAD = 16;  // points for which memory is asked beforehand
+namespace stencil {
 
-// Points stand in `cell`s, `beyond` the first of the nodes at their corners. Loops are functions of their own: what
-// they are given is theirs, and need not be read again after every store.
-
-// Asks for what the corners of a point's cell hold, unless the one before has asked
-static inline void ask(int64_t i, const int32_t* cell, const int32_t* corner, const float* x, int64_t pitch) {
-  if (cell[i] == cell[i - 1]) return;
-  const int32_t* at = corner + 8 * int64_t(cell[i]);
-  for (int k = 0; k < 8; k++) __builtin_prefetch(x + at[k] * pitch);
-}
+// Loops are functions of their own: what they are given is theirs, and need not be read again after every store.
 
 template <int W, class Own>
-static void some_up(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
-                    const float* x, int64_t pitch, const Own own) {
+__attribute__((noinline)) static void some_up(int64_t first, int64_t last, const Points points, const float* x,
+                                              int64_t pitch, const Own own) {
+  float w[NODES][SOME];
   for (int64_t i = first; i < last; i++) {
-    if (i + AHEAD < last) ask(i + AHEAD, cell, corner, x, pitch);
-    const int32_t* at = corner + 8 * int64_t(cell[i]);
-    float w[8];
-    corner_weights(beyond + 3 * i, w);
-    Row<W> near = Row<W>::load(x + at[0] * pitch).times(w[0]), far = Row<W>::load(x + at[4] * pitch).times(w[4]);
-    for (int k = 1; k < 4; k++) {
-      near.add(w[k], Row<W>::load(x + at[k] * pitch));
-      far.add(w[k + 4], Row<W>::load(x + at[k + 4] * pitch));
+    const int one = int((i - first) % SOME);
+    if (one == 0) points.weights(i, w);
+    if (i + AHEAD < last) points.ask(i + AHEAD, x, pitch);
+    const int32_t* at = points.around(i);
+    const uint8_t* place = points.places(i);
+    Row<W> even = Row<W>::load(x + at[place[0]] * pitch).times(w[0][one]);
+    Row<W> odd = Row<W>::load(x + at[place[1]] * pitch).times(w[1][one]);
+    for (int k = 2; k < NODES - 1; k += 2) {
+      even.add(w[k][one], Row<W>::load(x + at[place[k]] * pitch));
+      odd.add(w[k + 1][one], Row<W>::load(x + at[place[k + 1]] * pitch));
     }
-    near.add(1.0f, far);
-    own.store(i, near);
+    even.add(w[NODES - 1][one], Row<W>::load(x + at[place[NODES - 1]] * pitch));
+    even.add(1.0f, odd);
+    own.store(i, even);
   }
 }
 
 template <int W, class Own>
-static void some_down(int64_t first, int64_t last, const int32_t* cell, const float* beyond, const int32_t* corner,
-                      float* y, int64_t pitch, const Own own) {
+__attribute__((noinline)) static void some_down(int64_t first, int64_t last, const Points points, float* y,
+                                                int64_t pitch, const Own own) {
+  float w[NODES][SOME];
   for (int64_t i = first; i < last; i++) {
-    if (i + AHEAD < last) ask(i + AHEAD, cell, corner, y, pitch);
-    const int32_t* at = corner + 8 * int64_t(cell[i]);
-    float w[8];
-    corner_weights(beyond + 3 * i, w);
+    const int one = int((i - first) % SOME);
+    if (one == 0) points.weights(i, w);
+    if (i + AHEAD < last) points.ask(i + AHEAD, y, pitch);
+    const int32_t* at = points.around(i);
+    const uint8_t* place = points.places(i);
     const Row<W> held = own.load(i);
-    for (int k = 0; k < 8; k++) {
-      float* to = y + at[k] * pitch;
+    for (int k = 0; k < NODES; k++) {
+      float* to = y + at[place[k]] * pitch;
       Row<W> sum = Row<W>::load(to);
-      sum.add(w[k], held);
+      sum.add(w[k][one], held);
       sum.store(to);
     }
   }
 }
+
+}  // namespace stencil
 
 // Means of rows of three columns; a fourth number that is read is the next row's
 static void colour_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
@@ -233,13 +228,14 @@ bool bricks_times(int64_t all, int64_t first_count, int64_t second_count, int64_
 }
 
 // From nodes to points; columns of x, `x_pitch` floats from row to row, are those of all groups
-bool ways_up(int64_t count, const int32_t* cell, const float* beyond, const int32_t* corner, const float* x,
-             int64_t x_pitch, const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
-             const int64_t* scale, int64_t threads) {
+bool ways_up(int64_t count, const int32_t* cell, const float* beyond, const uint8_t* kind, const uint8_t* table,
+             const int32_t* near, const float* x, int64_t x_pitch, const int64_t* address, int64_t groups,
+             int64_t each, int64_t pitch, int64_t step, const int64_t* scale, int64_t threads) {
   const Groups out{address, scale, groups, each, pitch, step, Rim{}};
+  const stencil::Points points{count, cell, beyond, kind, table, near};
   return parallel(count, threads, [=](int64_t from, int64_t to) {
     laid(out, true, from, to, [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
-      some_up<decltype(width)::value>(first, last, cell, beyond, corner, x + c, x_pitch, rows);
+      stencil::some_up<decltype(width)::value>(first, last, points, x + c, x_pitch, rows);
     });
   });
 }
@@ -247,15 +243,17 @@ bool ways_up(int64_t count, const int32_t* cell, const float* beyond, const int3
 // The transpose. `nodes` rows of y, which start at 0, and behind them those that several parts of the points, as
 // many to each, would add to at once: row `nodes` + i belongs to `twin`[i], in ascending order. `rim_…`: what points
 // get of the rows behind them, see Rim.
-bool ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const int32_t* corner,
+bool ways_down(int64_t count, int64_t some_points, const int32_t* cell, const float* beyond, const uint8_t* kind,
+               const uint8_t* table, const int32_t* near,
                const int64_t* address, int64_t groups, int64_t each, int64_t pitch, int64_t step,
                const int64_t* scale, const int32_t* rim_start, const int32_t* rim_row, const float* rim_value,
                int64_t nodes, int64_t twins, const int32_t* twin, float* y, int64_t y_pitch, int64_t threads) {
   const Groups in{address, scale, groups, each, pitch, step, Rim{rim_start, rim_row, rim_value, count}};
+  const stencil::Points points{count, cell, beyond, kind, table, near};
   const auto spread = [=](int64_t from, int64_t to) {
     laid(in, false, from * some_points, std::min(count, to * some_points),
          [=](auto width, int64_t c, int64_t first, int64_t last, const auto& rows) {
-           some_down<decltype(width)::value>(first, last, cell, beyond, corner, y + c, y_pitch, rows);
+           stencil::some_down<decltype(width)::value>(first, last, points, y + c, y_pitch, rows);
          });
   };
   const auto together = [=](int64_t first, int64_t last) {

@@ -1,4 +1,4 @@
-"""From points in space to the nodes of a lattice around them, and back: trilinear weights."""
+"""From points in space to the nodes of a lattice around them, and back."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,12 +6,14 @@ from functools import cached_property
 from typing import Any
 
 import torch
+from jaxtyping import UInt8
 from torch.nn.functional import pad
 
 from texsss.numerics.memory import room
 from texsss.numerics.sparse import Sparse
 from texsss.transport.gutter import entries, with_rim
 from texsss.transport.loops import addresses, call, products
+from texsss.transport.stencil import NODES, kinds, weights
 from texsss.types import Float, Int, Tensor
 
 WIDTHS = 1, 4, 8, 16  # of vectors, in columns
@@ -20,23 +22,26 @@ PARTS = 16  # that points are in, for threads to share
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """Trilinear weights between points and nodes.
+    """The weights of `stencil` between points and nodes.
 
-    `cell` (P,): that a point is in; `beyond` (P, 3): where, in edges from the cell's first corner; `corner`
-    (cells, 8): nodes, z fastest. `nodes`: how many there are. `own` (cells, 8), `twin` (T,): see `parted`.
+    A cell is what lies nearest to one node. `cell` (P,): that a point is in; `beyond` (3, P): where, in edges
+    from that node; `kind` (P,): of its weights. `near` (cells, 19): nodes, in the order of AROUND, the
+    nearest one in place of those that no weight asks for. `nodes`: how many there are. `own` (cells, 19),
+    `twin` (T,): see `parted`.
     """
 
     cell: Int[Tensor, " P"]
-    beyond: Float[Tensor, "P 3"]
-    corner: Int[Tensor, "cells 8"]
-    own: Int[Tensor, "cells 8"]
+    beyond: Float[Tensor, "3 P"]
+    kind: UInt8[Tensor, " P"]
+    near: Int[Tensor, "cells 19"]
+    own: Int[Tensor, "cells 19"]
     twin: Int[Tensor, " T"]
     nodes: int
 
     @property
     def bytes(self) -> int:
         """Memory that it takes."""
-        held = self.cell, self.beyond, self.corner, self.own, self.twin
+        held = self.cell, self.beyond, self.kind, self.near, self.own, self.twin
         return sum(part.numel() * part.element_size() for part in held)
 
     def up(
@@ -57,7 +62,7 @@ class Ways:
             for k, (to, part) in enumerate(zip(parts, self._plain.times(x).split(parts[0].shape[1], 1))):
                 to.copy_(part if scale is None else part * scale[k][:, None].to(part))
             return made
-        points = len(self.cell), self.cell, self.beyond, self.corner
+        points = len(self.cell), self.cell, self.beyond, self.kind, kinds(), self.near
         scales = None if scale is None else addresses(scale)
         call(found.ways_up, *points, x, x.stride(0), *_layout(parts), scales)
         return made
@@ -82,7 +87,7 @@ class Ways:
         if any(part.stride() != x.stride() for part in parts):
             parts = [part.contiguous() for part in parts]
         made = room(x, self.nodes + len(self.twin), wide).zero_()
-        points = len(self.cell), _part(len(self.cell)), self.cell, self.beyond, self.own
+        points = len(self.cell), _part(len(self.cell)), self.cell, self.beyond, self.kind, kinds(), self.own
         scales = None if scale is None else addresses(scale)
         twins = self.nodes, len(self.twin), self.twin
         call(found.ways_down, *points, *_layout(parts), scales, *entries(rim), *twins, made, wide)
@@ -91,10 +96,10 @@ class Ways:
     @cached_property
     def _plain(self) -> Sparse:
         """The matrix (P × N), for torch."""
-        column = self.corner[self.cell.long()].flatten()
-        x, y, z = torch.stack([1 - self.beyond, self.beyond], 2).unbind(1)
-        value = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).flatten()
-        start = torch.arange(0, len(column) + 1, 8, dtype=torch.int32, device=column.device)
+        at = kinds().to(self.cell.device)[self.kind.long()].long()
+        column = self.near[self.cell.long()].gather(1, at).flatten()
+        value = weights(self.beyond.T, self.kind).flatten()
+        start = torch.arange(0, len(column) + 1, NODES, dtype=torch.int32, device=column.device)
         return Sparse(start, column, value, self.nodes)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,7 +107,11 @@ class Ways:
 
 
 def ways(
-    cell: Int[Tensor, " P"], beyond: Float[Tensor, "P 3"], corner: Int[Tensor, "cells 8"], nodes: int
+    cell: Int[Tensor, " P"],
+    beyond: Float[Tensor, "3 P"],
+    kind: UInt8[Tensor, " P"],
+    near: Int[Tensor, "cells 19"],
+    nodes: int,
 ) -> Ways:
     """The ways of points, each in a `cell`; the others are as in `Ways`.
 
@@ -110,30 +119,30 @@ def ways(
     in several parts comes once for each.
     """
     part = torch.arange(len(cell), device=cell.device) // _part(len(cell))
-    met, member = torch.unique(part * len(corner) + cell, return_inverse=True)
+    met, member = torch.unique(part * len(near) + cell, return_inverse=True)
     points = torch.arange(len(cell), device=cell.device)
     first = torch.full_like(met, len(cell)).scatter_reduce_(0, member, points, "amin")
     rank = torch.argsort(first)
     place = torch.empty_like(rank, dtype=torch.int32)
     place[rank] = torch.arange(len(rank), dtype=torch.int32, device=cell.device)
-    corner, part = corner[(met % len(corner))[rank]], (met // len(corner))[rank]
-    return Ways(place[member], beyond.contiguous(), corner, *parted(corner, part, nodes), nodes)
+    near, part = near[(met % len(near))[rank]], (met // len(near))[rank]
+    return Ways(place[member], beyond.contiguous(), kind, near, *parted(near, part, nodes), nodes)
 
 
 def parted(
-    corner: Int[Tensor, "cells 8"], part: Int[Tensor, " cells"], nodes: int
-) -> tuple[Int[Tensor, "cells 8"], Int[Tensor, " T"]]:
+    near: Int[Tensor, "cells 19"], part: Int[Tensor, " cells"], nodes: int
+) -> tuple[Int[Tensor, "cells 19"], Int[Tensor, " T"]]:
     """Rows that parts of the points may add to at the same time, and whose the rows beyond `nodes` are.
 
-    A node at corners of cells of several parts has a row of its own for each of them.
+    A node near cells of several parts has a row of its own for each of them.
     """
-    part, flat = part.repeat_interleave(8), corner.flatten().long()
+    part, flat = part.repeat_interleave(near.shape[1]), near.flatten().long()
     least = part.new_full((nodes,), PARTS).scatter_reduce_(0, flat, part, "amin")
     shared = torch.nonzero(part != least[flat])[:, 0]
     twins, row = torch.unique(flat[shared] * PARTS + part[shared], return_inverse=True)
-    own = corner.flatten().clone()
+    own = near.flatten().clone()
     own[shared] = (nodes + row).int()
-    return own.view_as(corner), (twins // PARTS).int()
+    return own.view_as(near), (twins // PARTS).int()
 
 
 def _part(points: int) -> int:
