@@ -66,7 +66,8 @@ class Settings(BaseSettings):
     max_faces: Count = 1_000_000
     max_map_pixels: Count = 4096 * 4096
     max_scene_pixels: Count = 4 * 4096 * 4096
-    """Of all uploaded maps of a scene together: 12 bytes each while it is baked."""
+    """Of all uploaded maps of a scene together: 12 bytes each while it is baked; of those that go on across
+    seams about 32, and 16 more of the one in hand."""
     parse_memory_mb: Positive = 1500
     parse_timeout_s: Positive = 10
     parse_queue: Count = 8

@@ -5,9 +5,13 @@ import math
 import pytest
 import torch
 from charted_shapes import sheet
+from torch.utils._python_dispatch import TorchDispatchMode
 
+from texsss.cache import StageCache
+from texsss.errors import Cancelled
 from texsss.numerics.sampling import bilinear
-from texsss.surface.beyond import beyond
+from texsss.surface import beyond as beyond_module
+from texsss.surface.beyond import GUTTER_TEXELS, beyond
 from texsss.surface.mesh import Mesh
 from texsss.surface.onward import Onward
 from texsss.surface.points import Points
@@ -150,3 +154,82 @@ def test_coordinates_that_tile_are_left_alone():
     image = torch.rand(16, 16, 1, generator=torch.Generator().manual_seed(0))
     around = beyond(Onward(mesh, 3 * mesh.source_uv), (16, 16))
     torch.testing.assert_close(around.continued(image), image, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("size", [(300, 200), (80, 256)])
+def test_parts_are_as_the_whole_square_at_once(size, monkeypatch):
+    """The nearest texel of the charts for every place of the square, all lines in one go."""
+    mesh = cut(mirrored=True)
+    onward = Onward(mesh, mesh.source_uv)
+    texels = rasterise(mesh, mesh.source_uv, size, gutter_texels=0)
+    every, near = torch.arange(size[0] * size[1]), texels.nearest.reshape(-1)
+    steps = torch.stack([every % size[1] - near % size[1], every // size[1] - near // size[1]], -1)
+    away = steps.square().sum(-1)
+    texel = ((away > 0) & (away <= GUTTER_TEXELS**2)).nonzero()[:, 0]
+    row = torch.empty_like(near).index_copy(0, texels.index, torch.arange(len(texels)))
+    shift = steps[texel].double() / torch.tensor([size[1], size[0]])
+    monkeypatch.setattr(beyond_module, "CHUNK_TEXELS", 1 << 10)
+    around = beyond(onward, size)
+    assert torch.equal(around.texel, texel)
+    expected = onward.at(texels.points[row[near[texel]]], shift)
+    torch.testing.assert_close(around.place, expected, rtol=0, atol=1e-12)  # measured 0
+
+
+class Largest(TorchDispatchMode):
+    """Notes the bytes of the largest tensor that anything returns."""
+
+    bytes = 0
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        found = func(*args, **(kwargs or {}))
+        for part in found if isinstance(found, tuple | list) else [found]:
+            if isinstance(part, torch.Tensor):
+                self.bytes = max(self.bytes, part.nbytes)
+        return found
+
+
+def test_large_maps_take_little_memory_on_the_way(monkeypatch):
+    mesh, size = cut(), (1024, 1024)
+    monkeypatch.setattr(beyond_module, "CHUNK_TEXELS", 1 << 14)
+    with Largest() as largest:
+        beyond(Onward(mesh, mesh.source_uv), size)
+    # measured 1.4 per texel: what comes back; 16 where the whole square is looked at at once
+    assert largest.bytes < 4 * size[0] * size[1]
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_every_part_can_be_cancelled(last, monkeypatch):
+    mesh, asked = cut(), []
+    monkeypatch.setattr(beyond_module, "CHUNK_TEXELS", 1 << 12)
+
+    def count() -> bool:
+        asked.append(True)
+        return len(asked) == stop
+
+    stop = 0
+    beyond(Onward(mesh, mesh.source_uv), (256, 256), count)
+    assert len(asked) > 8
+    stop = len(asked) if last else len(asked) // 2
+    asked.clear()
+    with pytest.raises(Cancelled):
+        beyond(Onward(mesh, mesh.source_uv), (256, 256), count)
+
+
+def test_a_square_without_area_has_nothing_around():
+    """All corners on one centre: there is a texel on an edge, but no face owns any."""
+    mesh = sheet(2)
+    around = beyond(Onward(mesh, torch.full_like(mesh.source_uv, 0.5)), (3, 3))
+    assert bool(around.place.isfinite().all())
+
+
+def test_caches_count_what_lines_need_and_see_no_graph():
+    mesh = cut()
+    mesh = mesh.moved(mesh.vertices.clone().requires_grad_())
+    cache = StageCache(1 << 30)
+    onward, _ = cache.get_or_make("seams", lambda: Onward(mesh, mesh.source_uv))
+    points = anywhere(mesh, 10, 5)
+    onward.at(points, torch.full((10, 2), 0.3))
+    parts = list(vars(onward).values())
+    assert all(isinstance(part, torch.Tensor) and not part.requires_grad for part in parts)
+    held = sum(part.untyped_storage().nbytes() for part in parts)
+    assert cache.bytes_used == onward.held_bytes == held > 0

@@ -7,12 +7,17 @@ import torch
 from torch.nn.functional import conv2d, pad
 
 from texsss.numerics.sampling import bilinear
+from texsss.surface._gutter import gutter_texels
+from texsss.surface._scanline import disjoint, filled, spans
+from texsss.surface.dilate import nearest_filled
 from texsss.surface.onward import SAME_UV, Onward
-from texsss.surface.raster import rasterise
-from texsss.types import Cancel, Float, Int, Tensor
+from texsss.surface.points import Points
+from texsss.surface.raster import check_size, covered_points, snapped
+from texsss.types import Bool, Cancel, Float, Int, Tensor, check_cancelled, chunks
 
 GUTTER_TEXELS = 32.0  # around charts, as far as there is room, that maps are continued
 FINE = 1024  # texels of a side on which blurs go by one texel a step: charts may be five apart
+CHUNK_TEXELS = 1 << 18  # looked for at once: each takes some hundred bytes on its way
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +38,12 @@ class Beyond:
         flat = image.reshape(-1, image.shape[-1])
         least, most = flat.detach().aminmax(dim=0)  # rounding must not leave them
         for _ in range(times):
-            values = bilinear(flat.reshape(image.shape), self.place.to(image.dtype), "repeat")
-            flat = flat.index_copy(0, self.texel, values.clamp(least, most))
+            now = flat.reshape(image.shape)
+            values = [
+                bilinear(now, self.place[part].to(image.dtype), "repeat").clamp(least, most)
+                for part in chunks(len(self.texel), CHUNK_TEXELS)
+            ]
+            flat = flat.index_copy(0, self.texel, torch.cat(values)) if values else flat
         return flat.reshape(image.shape)
 
     def smoothed(self, image: Float[Tensor, "H W C"], deviation: float) -> Float[Tensor, "H W C"]:
@@ -54,18 +63,62 @@ class Beyond:
 
 
 def beyond(onward: Onward, size: tuple[int, int], cancel: Cancel | None = None) -> Beyond:
-    """What lies beside the charts of maps of `size` (H, W), up to GUTTER_TEXELS; nothing where they tile."""
+    """What lies beside the charts of maps of `size` (H, W), up to GUTTER_TEXELS; nothing where they tile.
+
+    In parts: most of the memory that it takes is what it returns. Cancelled: on request.
+    """
     uv, nothing = onward.uv, Beyond(torch.empty(0, dtype=torch.int64), onward.uv.new_empty(0, 2))
     if float((uv - 0.5).abs().max()) > 0.5 + SAME_UV:
         return nothing
-    texels = rasterise(onward.mesh, uv.float(), size, gutter_texels=0, cancel=cancel)
-    if not len(texels):
+    check_size(size)
+    grid = snapped(uv.float(), size)
+    claims = disjoint(spans(grid, size, cancel), cancel)
+    held = filled(claims, size)
+    # centres on an edge that no face owns are the map's own, too
+    on_edge, edge_face, edge_bary, _ = gutter_texels(grid, held, size, 0.0, cancel)
+    held[on_edge] = True
+    texel, near = _beside(held.reshape(size), cancel)
+    if not len(texel):
         return nothing
-    width, near = size[1], texels.nearest.reshape(-1)
-    every = torch.arange(len(near))
-    steps = torch.stack([every % width - near % width, every // width - near // width], -1)
-    away = steps.square().sum(-1)
-    texel = ((away > 0) & (away <= GUTTER_TEXELS**2)).nonzero()[:, 0]
-    row = torch.empty_like(near).index_copy(0, texels.index, torch.arange(len(texels)))
-    shift = steps[texel].double() / torch.tensor([width, size[0]])
-    return Beyond(texel, onward.at(texels.points[row[near[texel]]], shift))
+    parts = chunks(len(texel), CHUNK_TEXELS)
+    rims = held.zero_()
+    for part in parts:
+        rims[near[part].long()] = True
+    used = torch.searchsorted(claims.start, rims.nonzero()[:, 0], right=True) - 1
+    inside, index = covered_points(grid, claims[used[used >= 0].unique_consecutive()], size, cancel)
+    del held, rims, claims, used
+    index, order = torch.sort(torch.cat([index, on_edge.int()]))
+    points = Points(
+        torch.cat([inside.face, edge_face.int()])[order], torch.cat([inside.bary, edge_bary.float()])[order]
+    )
+    sides, place = torch.tensor([size[1], size[0]]), uv.new_empty(len(texel), 2)
+    for part in parts:
+        check_cancelled(cancel)
+        steps = torch.stack(_steps(texel[part], near[part], size[1]), -1)
+        start = points[torch.searchsorted(index, near[part])]
+        place[part] = onward.at(start, steps.double() / sides)
+    return Beyond(texel.long(), place)
+
+
+def _beside(held: Bool[Tensor, "H W"], cancel: Cancel | None) -> tuple[Int[Tensor, " G"], Int[Tensor, " G"]]:
+    """Texels (row-major, int32) within GUTTER_TEXELS of those that are held, and the nearest of those."""
+    height, width = held.shape
+    reach = int(GUTTER_TEXELS)
+    texels, nearest = [], []
+    for rows in chunks(height, max(2 * reach, CHUNK_TEXELS // width)):
+        check_cancelled(cancel)
+        top = max(rows.start - reach, 0)
+        band = nearest_filled(held[top : rows.stop + reach]).reshape(-1)  # each its own where none is
+        texel = (~held[rows]).reshape(-1).nonzero()[:, 0] + rows.start * width
+        near = band[texel - top * width] + top * width
+        along, down = _steps(texel, near, width)
+        away = along.square() + down.square()
+        close = (away > 0) & (away <= GUTTER_TEXELS**2)
+        texels.append(texel[close].int())
+        nearest.append(near[close].int())
+    return torch.cat(texels), torch.cat(nearest)
+
+
+def _steps(texel: Int[Tensor, " G"], near: Int[Tensor, " G"], width: int) -> list[Int[Tensor, " G"]]:
+    """Texels to the right and down from `near` to `texel`."""
+    return [texel % width - near % width, texel // width - near // width]

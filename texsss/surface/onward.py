@@ -24,7 +24,7 @@ class Onward:
     """
 
     def __init__(self, mesh: Mesh, uv: Float[Tensor, "F 3 2"]):
-        self.mesh, self.uv = mesh, uv.detach().double()
+        self.uv = uv.detach().double()
         self._twin, opposed = _twins(mesh.faces.long())
         ends = edges_uv(self.uv).reshape(-1, 2, 2)
         there = ends[self._twin]
@@ -48,6 +48,13 @@ class Onward:
         per_uv = torch.linalg.inv(torch.where(flat[:, None, None], torch.eye(2).to(along), along))
         per_uv = per_uv.masked_fill(flat[:, None, None], 0)
         self._per_uv = torch.cat([-per_uv.sum(1, keepdim=True), per_uv], 1)  # (F, 3, 2): barycentrics per uv
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes, what is found at its first use included."""
+        held = {"_clear": self.uv.shape[0] * 8}
+        held |= {name: part.nbytes for name, part in list(vars(self).items()) if isinstance(part, Tensor)}
+        return sum(held.values())
 
     @cached_property
     def _clear(self) -> Float[Tensor, " F"]:

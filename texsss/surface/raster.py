@@ -44,7 +44,7 @@ def rasterise(
     grid = snapped(atlas_uv, size)
     claims = disjoint(spans(grid, size, cancel), cancel)
     _report(progress, 0.3)
-    inside, inside_texel = _covered_points(grid, claims, size, cancel)
+    inside, inside_texel = covered_points(grid, claims, size, cancel)
     _report(progress, 0.7)
     around, around_texel = _gutter_points(mesh, atlas_uv, grid, claims, size, float(gutter_texels), cancel)
     _report(progress, 1.0)
@@ -129,10 +129,13 @@ def _report(progress: Progress | None, share: float) -> None:
         progress("raster", share)
 
 
-def _covered_points(
+def covered_points(
     grid: Tensor, claims: Spans, size: tuple[int, int], cancel: Cancel | None
 ) -> tuple[Points, Tensor]:
-    """The texels of disjoint `claims`; barycentrics run affinely along every span."""
+    """Points of the texels of disjoint `claims` on the `snapped` corners, and these texels, int32.
+
+    Barycentrics run affinely along every span.
+    """
     used = claims.face
     dx, dy = (steps[used] for steps in barycentric_steps(grid))
     # relative to the third corner, where both are 0, in float64: no digits are lost far from the origin
