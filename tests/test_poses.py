@@ -11,6 +11,7 @@ import torch
 from texsss.baker import Baker
 from texsss.cli import main
 from texsss.errors import AssetError, DomainError, ShapeError
+from texsss.io.images import write_png
 from texsss.io.meshes import read_mesh, read_positions
 from texsss.io.sandbox import Sandbox
 from texsss.light.irradiance import irradiance
@@ -18,7 +19,7 @@ from texsss.light.visibility import Occluder
 from texsss.pipeline import Run
 from texsss.placing import lights
 from texsss.scene import Scene
-from texsss.surface.pose import Pose, stretch
+from texsss.surface.pose import Pose, doubts_of, stretch
 from texsss.transport.bank import build_bank, exitance
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes, planes_radius
@@ -160,6 +161,28 @@ def test_poses_are_not_taken_for_each_other_and_memory_does_not_grow(scene, rest
     assert torch.equal(baker.bake(scene).texel_exitance, plain.texel_exitance)
 
 
+def test_a_pose_of_painted_matter_reads_its_maps_as_at_rest(baker, small, rest, tmp_path):
+    """What lies across seams is looked for once; a scene's own pose is kept as anything else."""
+    write_png(tmp_path / "spots.png", torch.rand(16, 16, 3, generator=torch.Generator().manual_seed(0)))
+    layers = [
+        {"medium": "skin1", "thickness_mm": {"map": "spots", "range": [0.1, 1.0]}},
+        {"medium": "marble"},
+    ]
+    painted = Scene.parse(
+        {**small, "lights": [LAMP], "camera": CAMERA, "atlas": {"size": 64}}
+        | {"maps": {"spots": {"source": {"path": str(tmp_path / "spots.png")}, "channel": "r"}}}
+        | {"material": {"layers": layers}}
+    )
+    assert "seams" in _stages(baker, painted, None)
+    assert not {"seams", "maps"} & _stages(baker, painted, Pose(bent(rest, 0.001)))
+
+
+def _stages(baker: Baker, scene: Scene, pose: Pose | None) -> set[str]:
+    baked = baker.bake(scene, pose=pose)
+    baked.picture  # noqa: B018
+    return set(baked.report["seconds"])
+
+
 @pytest.mark.parametrize("diffusion", ["uv", "octree"])
 def test_other_ways_to_spread_light_take_poses(baker, scene, rest, diffusion):
     """At rest they are the bake itself; light that a bend takes away is missed."""
@@ -184,6 +207,24 @@ def test_stretch_of_known_poses(rest, baker, scene):
     assert stretch(mesh, mesh.moved(rest.flip(-1))) == pytest.approx(0, abs=1e-5)
 
 
+def test_doubtful_poses_are_told(baker, scene, rest):
+    mesh = baker.mesh(scene)
+    told = [doubts_of(mesh, mesh.moved(rest * by), 0.0, True) for by in (1.0, torch.tensor([-1.0, 1, 1]))]
+    assert not told[0] and "inside out" in told[1][0]
+    shuffled = mesh.moved(rest[torch.randperm(len(rest), generator=torch.Generator().manual_seed(0))])
+    assert "in the order of the mesh" in doubts_of(mesh, shuffled, stretch(mesh, shuffled), True)[0]
+    assert "by 35%" in doubts_of(mesh, mesh, 0.3, True)[0] and not doubts_of(mesh, mesh, 0.3, False)
+
+
+def test_gradients_pass_through_poses(baker, scene, rest):
+    scale = torch.tensor(1.0, requires_grad=True)
+    left = lambda by: baker.bake(scene, pose=Pose(rest * by)).texel_irradiance.sum()  # noqa: E731
+    left(scale).backward()
+    expected = (left(1.002) - left(0.998)) / 0.004
+    assert scale.grad is not None
+    torch.testing.assert_close(scale.grad, expected, rtol=0.02, atol=0)
+
+
 def test_poses_that_are_none_are_told(baker, scene, rest):
     with pytest.raises(ShapeError, match=r"expected 1,152 vertices, as many as torus has, got 1,151"):
         baker.bake(scene, pose=Pose(rest[1:]))
@@ -191,9 +232,13 @@ def test_poses_that_are_none_are_told(baker, scene, rest):
         Pose(rest[:, :2])
     with pytest.raises(DomainError, match="NaN or infinity in 1 of"):
         Pose(torch.cat([rest[:-1], torch.full((1, 3), float("nan"))]))
+    with pytest.raises(DomainError, match="numbers of 32 bits hold, got inf"):
+        baker.bake(scene, pose=Pose(rest.double() * 1e60))
     with pytest.raises(DomainError, match="operators of rest or pose, got 'new'"):
         Pose(rest, operators="new")
-    with pytest.raises(DomainError, match="a single point"):
+    with pytest.raises(
+        DomainError, match="expected vertices with an extent that numbers of 32 bits hold, got 0 mm"
+    ):
         baker.bake(scene, pose=Pose(torch.zeros_like(rest)))
 
 
@@ -218,8 +263,10 @@ def test_vertices_count_as_in_the_file_or_as_in_the_mesh():
 def test_scenes_and_the_command_line_name_a_file(scene, rest, baker, small, bent_file, tmp_path, capfd):
     data = {**small, "lights": [LAMP], "camera": CAMERA, "atlas": {"size": 64}}
     data["mesh"] = {**small["mesh"], "pose": str(bent_file)}
+    before = baker.cache.bytes_passing
     (tmp_path / "scene.json").write_text(json.dumps(data))
     named = baker.bake(Scene.parse(data))
+    assert baker.cache.bytes_passing == before  # a scene's own pose stays
     assert relative(named.texel_exitance, baker.bake(scene, pose=Pose(bent(rest))).texel_exitance) < 1e-6
     with pytest.raises(SystemExit) as stopped:
         main(["bake", str(tmp_path / "scene.json"), "--refresh-operators", "--out", str(tmp_path / "out")])

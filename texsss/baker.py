@@ -140,6 +140,10 @@ class Baker:
                 f"Baker: expected a Scene, got a {type(scene).__name__}; "
                 "make one by Scene.load(path) or Scene.parse(data)."
             )
+        if not isinstance(pose, Pose | None):
+            raise DomainError(
+                f"Baker: expected a Pose, got a {type(pose).__name__}; make one by Pose(vertices)."
+            )
         return Run(self.cache, scene, progress, cancel, self.assets, self.sandbox, pose)
 
 

@@ -28,8 +28,9 @@ class Diffusing(Beneath):
 
     @property
     def crossed(self) -> Kept:
-        """The texels over whose surface light is carried: those at rest, unless it is to be the pose."""
-        return self.texels if self.operators_of_pose else self.texels_at_rest
+        """The texels over whose surface operators carry light: those at rest, unless it is to be the pose."""
+        anew = self.operators_of_pose and self.scene.methods.diffusion == "surface"
+        return self.texels if anew else self.texels_at_rest
 
     @cached_property
     def operators(self) -> Kept | None:

@@ -62,7 +62,7 @@ class Ground(Stages):
             return None
         (mesh, notes), content = self.rest.value, resolve.digest(spec.pose.source, self.assets)
         make = lambda: resolve.load_pose(spec, mesh, notes, self.assets, self.sandbox)  # noqa: E731
-        vertices = self.stage("pose", make, self.rest, Kept(None, content, passing=True))
+        vertices = self.stage("pose", make, self.rest, content)
         return replace(vertices, value=Pose(vertices.value, spec.pose.operators))
 
     @property
@@ -167,14 +167,14 @@ class Ground(Stages):
         onward, size = self.onward, tuple(self.image(name).value.shape[:2])
         if onward is None:
             return None
-        return self.stage("seams", lambda: beyond(onward.value, size, self.cancel), self.mesh, *size)
+        return self.stage("seams", lambda: beyond(onward.value, size, self.cancel), onward, *size)
 
     @cached_property
     def onward(self) -> Kept | None:
-        """Where lines in the author's texture coordinates lead; None when the mesh has none."""
-        mesh, _ = self.mesh.value
+        """Where lines in the author's texture coordinates lead, at rest; None when the mesh has none."""
+        mesh, _ = self.rest.value
         uv = mesh.source_uv
-        return None if uv is None else self.stage("seams", lambda: Onward(mesh, uv), self.mesh)
+        return None if uv is None else self.stage("seams", lambda: Onward(mesh, uv), self.rest)
 
     @cached_property
     def source_uv(self) -> Float[Tensor, "F 3 2"]:

@@ -20,7 +20,7 @@ from texsss.look import averaged, bent_away, scattered_once, seer, share_of, sho
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
-from texsss.surface.pose import stretch
+from texsss.surface.pose import doubts_of, stretch
 from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
 from texsss.transport.march.interior import from_stack
@@ -37,9 +37,6 @@ LOOKS_PER_MARCH = (
 )
 SPREADING = ("uv", "surface", "octree", "poisson")  # methods to which faults of mesh and atlas matter
 UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
-STRETCHED = (
-    0.1  # distances on the surface changed by so much: exitance is off by a tenth of that, as measured
-)
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -88,7 +85,7 @@ class Run(Diffusing):
         if self.marching == "none":
             return {"method": "none"}
         steps, lights = self.scene.methods.march_samples, len(self.scene.lights)
-        return {"method": self.marching, "steps": steps, "lights": lights, "of_lights": lights}
+        return {"method": self.marching, "steps": steps, "lights": lights}
 
     @property
     def known_to_enter(self) -> list[Kept | None]:
@@ -97,25 +94,21 @@ class Run(Diffusing):
 
     @property
     def posed(self) -> dict[str, str | float] | None:
-        """Whose operators carry light over the surface of a pose, and by how much that is stretched."""
+        """Whose surface light spreads over in a pose, and by how much that is stretched."""
         if self.pose is None:
             return None
         stretched = stretch(self.rest.value[0], self.mesh.value[0])
-        return {"operators": self.pose.value.operators, "stretch": round(stretched, 5)}
+        operators = self.pose.value.operators if self.scene.methods.diffusion == "surface" else "pose"
+        return {"operators": operators, "stretch": round(stretched, 5)}
 
     @property
     def stretched(self) -> list[str]:
-        """What to know of a pose that stretches what light spreads over as at rest, in sentences."""
+        """What to know of a pose that is inside out, or stretches what light spreads over, in sentences."""
         pose = self.posed
-        if pose is None or self.scene.methods.diffusion != "surface" or self.operators_of_pose:
+        if pose is None:
             return []
-        by = float(pose["stretch"])
-        if by < STRETCHED:
-            return []
-        return [
-            f"The pose stretches the surface by {by:.0%} (RMS), but light spreads over it as at rest, about "
-            f'{by / 10:.1%} off; make its operators anew (--refresh-operators, "operators": "pose").'
-        ]
+        kept = pose["operators"] == "rest"
+        return doubts_of(self.rest.value[0], self.mesh.value[0], float(pose["stretch"]), kept)
 
     @cached_property
     def single(self) -> Callable[[Hits], Tensor] | None:

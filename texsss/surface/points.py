@@ -139,7 +139,7 @@ class TexelMaps:
     @cached_property
     def texel_mm(self) -> float:
         """Typical edge of a texel on the surface [mm]: the root of the median area; 0 without any."""
-        real = self.area[self.area > 0]
+        real = self.area[self.area > 0].detach()
         return float(real.median().sqrt()) if real.numel() else 0.0
 
     def to_image(self, values: Float[Tensor, "P C"], fill: float = 0.0) -> Float[Tensor, "H W C"]:

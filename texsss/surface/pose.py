@@ -1,5 +1,6 @@
 """A pose: where the vertices of a mesh stand once it has been bent."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -8,14 +9,18 @@ from texsss.errors import DomainError, ShapeError
 from texsss.surface.mesh import Mesh
 from texsss.types import Float, Tensor
 
+STRETCHED, KNOWN = 0.1, 0.3  # with operators of rest exitance is off by a tenth of the stretch, as measured
+TORN = 1.0  # stretch from which vertices are more likely in a wrong order
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
     """New positions of the vertices of a mesh, whose triangles and texture coordinates stay.
 
     `vertices` (V, 3) [mm], y up: one for every vertex of the mesh as it is baked (`Baker.mesh`), or one for
-    every vertex of its file, in the file's order. `operators`: whether what carries light over the surface
-    stays that of the rest pose, or is made anew for this one.
+    every vertex of its file, in the file's order, but always where the baked mesh is (one that lies far from
+    the origin has been moved there). `operators`: whether what carries light over the surface stays that of
+    the rest pose, or is made anew for this one.
     Raises ShapeError or DomainError: when these are no finite positions, or `operators` is neither.
     """
 
@@ -23,6 +28,11 @@ class Pose:
     operators: str = "rest"
 
     def __post_init__(self):
+        if not isinstance(self.vertices, Tensor):
+            raise ShapeError(
+                f"Pose: expected vertices as a tensor (V, 3) [mm], got a {type(self.vertices).__name__}; "
+                "convert it by torch.as_tensor."
+            )
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or not self.vertices.is_floating_point():
             raise ShapeError(
                 f"Pose: expected real vertices of shape (V, 3) [mm], got {tuple(self.vertices.shape)} of "
@@ -55,7 +65,38 @@ class Pose:
         rows = self.vertices
         if given != own and mesh.source_vertex is not None:
             rows = rows[mesh.source_vertex]
-        return mesh.moved(rows.to(mesh.vertices))
+        rows = rows.to(mesh.vertices)
+        extent = rows.detach().amax(0) - rows.detach().amin(0)
+        if not 0 < float(extent.max()) < math.inf:
+            raise DomainError(
+                "Pose: expected vertices with an extent that numbers of 32 bits hold, got "
+                f"{float(extent.max()):g} mm; check the unit of what made them."
+            )
+        return mesh.moved(rows)
+
+
+def doubts_of(rest: Mesh, posed: Mesh, stretch: float, kept: bool) -> list[str]:
+    """What is doubtful about a pose of known stretch, in sentences; `kept`: with the operators of rest."""
+    if stretch > TORN:
+        return [
+            f"The pose stretches the surface {math.exp(stretch):.3g} times (RMS); check that its vertices "
+            "come in the order of the mesh."
+        ]
+    before, after = (_volume(mesh) for mesh in (rest, posed))
+    if before * after < 0 and 0.5 < abs(after / before) < 2:
+        return ["The pose turns the mesh inside out, where it is dark; an axis of it is mirrored."]
+    if stretch < STRETCHED or not kept:
+        return []
+    off = f"about {stretch / 10:.1%}" if stretch < KNOWN else "more than 3 %"
+    return [
+        f"The pose stretches the surface by {math.expm1(stretch):.0%} (RMS), but light spreads over it as at "
+        f'rest, {off} off; make its operators anew (--refresh-operators, "operators": "pose").'
+    ]
+
+
+def _volume(mesh: Mesh) -> float:
+    corners = mesh.corners.detach().double()
+    return float(torch.linalg.det(corners - corners.mean((0, 1))).sum() / 6)
 
 
 def stretch(rest: Mesh, posed: Mesh) -> float:
