@@ -193,7 +193,7 @@ def scattered_once(
             hits.view,
             normals=None if bent is None else facing(bent, hits.view),
             thickness=None if thick is None else thick.at(uv)[:, 0],
-            entered=[None if here is None else here.at(uv) for here in known],
+            entered=[None if here is None else here.at(uv) for here in known] or None,
             compiled=worth,
             seed=hits.seed(seed),
         )

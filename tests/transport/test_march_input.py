@@ -15,7 +15,7 @@ from texsss.media.stack import Layer, Stack
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.transport.march.interior import from_depths, from_stack
-from texsss.transport.march.march import march
+from texsss.transport.march.march import March, march
 from texsss.transport.march.noise import Noise
 from texsss.types import unit
 
@@ -232,6 +232,13 @@ def test_names_and_shapes_are_checked():
         march(centre(), square(), None, stack, SUN, torch.tensor([math.nan, 0, 0]))
     with pytest.raises(DomainError, match="per light"):
         march(centre(), square(), None, stack, SUN, seen_from(0, 1, 0), environment_samples=0)
+    for wrong, named in (
+        ([], "each of 1 lights, got 0"),
+        ([None] * 2, "each of 1 lights, got 2"),
+        ([torch.ones(2, 3)], r"expected what entered as \(1, 3\), got shape \(2, 3\)"),
+    ):
+        with pytest.raises(ShapeError, match=named):
+            March(square(), None, stack, SUN)(centre(), torch.tensor([0.0, 500, 0]), entered=wrong)
     with pytest.raises(DomainError, match="Noise"):
         Noise(uv=-1.0)
     with pytest.raises(Cancelled):

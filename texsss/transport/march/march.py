@@ -1,12 +1,11 @@
 """Single scattering in layers of varying thickness, seen from an eye: at texels or at camera hits."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from threading import Lock
 from typing import Any
 
 import torch
-from torch.quasirandom import SobolEngine
 
 from texsss.errors import DomainError, ShapeError
 from texsss.light.emitters import Environment, Light, graded
@@ -18,6 +17,7 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.transport.march.gatherer import Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
+from texsss.transport.march.looks import drawn, scaled_to
 from texsss.transport.march.noise import Noise, draw
 from texsss.transport.march.planes import (
     Planes,
@@ -26,7 +26,7 @@ from texsss.transport.march.planes import (
     rounded_radius,
     tangent_planes,
 )
-from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, scaled_to, view_rays
+from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
 MOST_SAMPLES = 10_000
@@ -124,13 +124,15 @@ class March:
         beyond it, however deep the last layer is. `normals` (P, 3): shading normals, bumps included, in
         place of the mesh's; they are to face the eye.
         `entered`: what enters here of each light, shadows included [W/m²], where it is known. Such a light is
-        asked for its directions alone, the same for all points, and no shadow rays are cast: what the march
-        makes of it unshadowed is scaled to what entered, which leaves no grain.
+        asked for its directions alone, at the same places of its square for all points (an even sky: at nodes
+        of a quadrature about the normal, 16 at least), and no shadow rays are cast: what the march makes of
+        it unshadowed is scaled to what entered, which leaves no grain.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
-        Raises ShapeError, DomainError: when the view does not fit. Raises Cancelled.
+        Raises ShapeError, DomainError: when the view or what entered does not fit. Raises Cancelled.
         """
         _check_view(points, view)
+        _check_entered(points, self.lights, entered)
         mesh, home = self.mesh, self.mesh.vertices
         if len(points) == 0:
             return home.new_zeros(0, 3)
@@ -213,12 +215,11 @@ class March:
         for number, light in enumerate(self.lights):
             count = 1 if light.is_delta else self._counts[not isinstance(light, Environment)]
             known = entered[number] if entered else None
-            squares = _squares(
-                light, count, len(here), seed + number, None if known is not None else generator
-            )
-            looks = (light.sample(sites.position, sites.normal, s.to(sites.position)) for s in squares)
-            if known is not None:
-                looks = scaled_to(known, list(looks), sites.normal, eta)
+            if known is None:
+                looks = drawn(light, count, sites, seed + number, generator)
+            else:
+                looks = scaled_to(known, light, count, sites, eta)
+                count = len(looks)
             for seen in looks:
                 check_cancelled(cancel)
                 shadows = occluder if known is None else None
@@ -240,27 +241,6 @@ def planes_radius(interior: Interior) -> float:
 def fitted_planes(mesh: Mesh, radius_mm: float) -> Planes:
     """Planes through what lies within a radius; tangent planes where that is 0."""
     return fit_planes(mesh, radius_mm) if radius_mm > 0 else tangent_planes(mesh)
-
-
-def _squares(
-    light: Light, count: int, points: int, seed: int, generator: torch.Generator | None
-) -> Iterator[Tensor]:
-    """`count` samples of a light per point in the unit square, one good set for all.
-
-    It is shifted from point to point where there is a generator.
-    """
-    if light.is_delta:
-        yield torch.full((points, 2), 0.5)
-        return
-    if generator is None:
-        yield from (look.expand(points, 2) for look in SobolEngine(2).draw(count + 1)[1:])
-        return
-    shift = torch.rand(points, 2, generator=generator)
-    if count == 1:
-        yield shift
-        return
-    for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
-        yield torch.frac(common + shift)
 
 
 def _check(method: str, samples: int, phase: str, environment_samples: int, area_samples: int) -> None:
@@ -287,3 +267,19 @@ def _check_view(points: Points, view: Tensor) -> None:
         )
     if not bool(torch.isfinite(view).all()):
         raise DomainError("march: expected a finite eye or view directions, got NaN or infinity.")
+
+
+def _check_entered(points: Points, lights: Sequence[Light], entered: Sequence[Tensor | None] | None) -> None:
+    """Raises ShapeError for light that does not fit the points or the lights."""
+    if entered is None:
+        return
+    if len(entered) != len(lights):
+        raise ShapeError(
+            f"march: expected what entered of each of {len(lights)} lights, got {len(entered)}; give None "
+            "for those that are to be sampled."
+        )
+    for known in entered:
+        if known is not None and known.shape != (len(points), 3):
+            raise ShapeError(
+                f"march: expected what entered as {(len(points), 3)}, got shape {tuple(known.shape)}."
+            )

@@ -253,22 +253,6 @@ def light_scalars(
     return torch.stack(scalars)
 
 
-def scaled_to(
-    entered: Float[Tensor, "P 3"], looks: list[LightSamples], normal: Float[Tensor, "P 3"], eta: float
-) -> list[LightSamples]:
-    """Looks at a light whose mean enters as `entered` says [W/m²], none from below the horizon."""
-    lit, total = [], torch.zeros_like(entered)
-    for seen in looks:
-        cosine = dot(seen.direction, normal)
-        above = (cosine > 0)[:, None]
-        lit.append(replace(seen, irradiance=seen.irradiance * above))
-        share = fresnel.transmittance(cosine.clamp_min(0), eta) * cosine.clamp_min(0)
-        total = total + lit[-1].irradiance * (share / len(looks))[:, None]
-    some = total > 0
-    scale = torch.where(some, entered / torch.where(some, total, 1), 0)
-    return [replace(seen, irradiance=seen.irradiance * scale) for seen in lit]
-
-
 def knots(length: Float[Tensor, " P"], count: int, rate: float) -> Float[Tensor, "N P"]:
     """Fractions of the ray at which its `count` exact steps meet, (count + 1, P): dense where light is."""
     beta = (length * rate).clamp(*KNOT_RANGE)

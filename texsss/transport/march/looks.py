@@ -1,0 +1,94 @@
+"""Looks at lights: where the march samples them, and how much each look is worth."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import torch
+from torch.quasirandom import SobolEngine
+
+from texsss.light.emitters import ConstantEnvironment, Light, LightSamples, basis, like
+from texsss.media import fresnel
+from texsss.numerics.quadrature import gauss_legendre
+from texsss.transport.march.setup import Sites, dot
+from texsss.types import Float, Tensor
+
+FEWEST = 4  # directions up and around: fewer see how a sky scatters too roughly
+
+
+def drawn(
+    light: Light, count: int, sites: Sites, seed: int, generator: torch.Generator
+) -> Iterator[LightSamples]:
+    """`count` looks at a light, one good set for all points, shifted from point to point."""
+    for square in _squares(light, count, len(sites.position), seed, generator):
+        yield light.sample(sites.position, sites.normal, square.to(sites.position))
+
+
+def scaled_to(
+    entered: Float[Tensor, "P 3"], light: Light, count: int, sites: Sites, eta: float
+) -> list[LightSamples]:
+    """Looks at a light whose mean enters as `entered` says [W/m²], none from below the horizon.
+
+    All points look at the same places of the light's square, `count` of them; an even sky is seen from the
+    nodes of a quadrature, of which there are about as many, but never fewer than 16.
+    """
+    if isinstance(light, ConstantEnvironment):
+        looks = _all_around(light, count, sites)
+    else:
+        looks = [
+            light.sample(sites.position, sites.normal, square.to(sites.position))
+            for square in _squares(light, count, len(sites.position))
+        ]
+    lit, total = [], torch.zeros_like(entered)
+    for seen in looks:
+        cosine = dot(seen.direction, sites.normal)
+        above = (cosine > 0)[:, None]
+        lit.append(replace(seen, irradiance=seen.irradiance * above))
+        share = fresnel.transmittance(cosine.clamp_min(0), eta) * cosine.clamp_min(0)
+        total = total + lit[-1].irradiance * (share / len(looks))[:, None]
+    some = total > 0
+    scale = torch.where(some, entered / torch.where(some, total, 1), 0)
+    return [replace(seen, irradiance=seen.irradiance * scale) for seen in lit]
+
+
+def _all_around(sky: ConstantEnvironment, count: int, sites: Sites) -> list[LightSamples]:
+    """Looks at an even sky: Gauss-Legendre in the cosine, evenly spaced around, odd rows half a step on.
+
+    What leaves is smooth in both, but most where the cosine is small, where samples by the cosine are few.
+    """
+    rows = max(FEWEST, math.isqrt(count))
+    columns = max(FEWEST, count // rows)
+    cosines, weights = gauss_legendre(rows)
+    tangent, bitangent = basis(sites.normal)
+    distance = sites.position.new_full(sites.position.shape[:1], math.inf)
+    radiance = like(sky.radiance, sites.position)
+    looks = []
+    for row, (cosine, weight) in enumerate(zip(cosines.tolist(), weights.tolist(), strict=True)):
+        sine = math.sqrt(1 - cosine * cosine)
+        worth = (radiance * (2 * math.pi * rows * weight)).expand_as(sites.position)
+        for column in range(columns):
+            angle = 2 * math.pi * (column + row % 2 / 2) / columns
+            flat = math.cos(angle) * tangent + math.sin(angle) * bitangent
+            looks.append(LightSamples(sine * flat + cosine * sites.normal, distance, worth))
+    return looks
+
+
+def _squares(
+    light: Light, count: int, points: int, seed: int = 0, generator: torch.Generator | None = None
+) -> Iterator[Tensor]:
+    """`count` samples of a light per point in the unit square, one good set for all.
+
+    It is shifted from point to point where there is a generator.
+    """
+    if light.is_delta:
+        yield torch.full((points, 2), 0.5)
+        return
+    if generator is None:
+        yield from (look.expand(points, 2) for look in SobolEngine(2).draw(count + 1)[1:])
+        return
+    shift = torch.rand(points, 2, generator=generator)
+    if count == 1:
+        yield shift
+        return
+    for common in SobolEngine(2, scramble=True, seed=seed).draw(count):
+        yield torch.frac(common + shift)
