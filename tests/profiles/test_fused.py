@@ -44,6 +44,7 @@ def looped(table, **options) -> torch.Tensor:
         ((1.05,), False),
         ((1.6, 1.3), True),
         ((1.0, 1.0), False),
+        ((1.0, 1.5), False),
         ((1.4, 1.0, 1.5), True),
         ((1.3, 1.3, 1.3), False),
         ((1.5, 1.2, 1.05, 1.05), False),

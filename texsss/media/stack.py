@@ -60,7 +60,9 @@ class LayerTable:
 
     @property
     def isotropic(self) -> bool:
-        """Whether g is 0 everywhere."""
+        """Whether g is 0 everywhere, and no gradient in it is asked for, which 0 has too."""
+        if self.g.requires_grad:
+            return False
         return self.known_isotropic or not bool((self.g != 0).any())
 
     @property

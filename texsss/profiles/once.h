@@ -38,7 +38,7 @@ static std::vector<Way> way_through(double mu, const std::vector<double>& etas) 
 static Exit exit_at(double mu, double weight, double mirrored, double again, const std::vector<double>& etas) {
   const double first = etas.front(), last = etas.back(), there = refracted(mu, first, last);
   const std::vector<double> back(etas.rbegin(), etas.rend());
-  return {float(weight / 2), float(weight / 2 * spread(there, last, mu, first)), float(mirrored), float(again),
+  return {float(weight / 2), float(weight / 2 * spread(mu, first, there, last)), float(mirrored), float(again),
           way_through(mu, etas), way_through(there, back)};
 }
 

@@ -79,8 +79,8 @@ def prepare(layers, lights, phase):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
         near, far = _legs(layers, lights, cosines, phase, weight / 2), None
         if lights[0][0].up is not None:
-            # per solid angle at the far face, so that both are of one pencil of light
-            share = weight / 2 * _spread(cosines[-1], layers[-1].eta, mu, layers[0].eta)
+            # what is per cosine at the far face, per cosine at the near one: one pencil of light
+            share = weight / 2 * _spread(mu, layers[0].eta, cosines[-1], layers[-1].eta)
             far = _legs(layers[::-1], flipped(lights), cosines[::-1], phase, share)
         number = layers[0].sigma.new_full
         nodes.append(Node(near, far, number((), mirrored), number((), again)))
