@@ -22,7 +22,8 @@ class Layer:
     `thickness` [mm]: a number, one value per channel, or a map (H, W) or (H, W, C); infinite unless
     given. 0 is allowed and means that its matter is absent there: it neither absorbs nor scatters. Its
     refractive index, the same everywhere, still bends the light that enters, as a film's does; what gets
-    out is left to the indices beneath, so that nothing jumps at 0.
+    out is left to the indices beneath, so that nothing jumps at 0. Over an endless base that changes R by
+    7 % at most, over a slab of .2 mm by up to 24 % (an index of 1.5 on 1).
     Raises DomainError: for a negative or NaN thickness, or an infinite one within a map.
     """
 
