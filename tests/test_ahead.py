@@ -48,5 +48,24 @@ def test_a_stop_ends_the_compiler_and_leaves_nothing(tmp_path, monkeypatch):
     assert not list((tmp_path / "native").iterdir())
 
 
+def test_usual_loops_are_recorded_anew_where_one_has_gone(tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(ahead, "version", lambda _: "0")
+    source, times = tmp_path / "native" / "loop_a" / "loop_a.py", []
+
+    def run(*_):
+        native.written(source, "")
+        times.append(1)
+        return b"loop_a\n"
+
+    monkeypatch.setattr(ahead, "run", run)
+    for _ in range(2):
+        assert ahead.Ahead()._recorded() == "loop_a\n"
+    assert len(times) == 1
+    source.unlink()
+    assert ahead.Ahead()._recorded() == "loop_a\n"
+    assert len(times) == 2 and source.is_file()
+
+
 def test_a_stop_before_a_start():
     ahead.Ahead().stop()

@@ -69,3 +69,13 @@ def test_what_is_no_depth_is_refused(nested):
     (nested / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(tx.DomainError, match="bare has none; unwrap"):
         tx.bake_depths(nested / "bare.obj", [nested / "muscle.obj"])
+
+
+def test_a_layer_is_written_as_its_stack_and_disorder_is_refused(tmp_path):
+    layer = tx.Layer(tx.preset("skin1"), torch.rand(4, 4, generator=torch.Generator().manual_seed(3)))
+    for file, given in (("a.exr", layer), ("b.exr", tx.Stack(layer))):
+        tx.save_depths(tmp_path / file, given)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    with pytest.raises(tx.DomainError, match=r"channel 1 to lie below channel 0.*sort them"):
+        tx.save_depths(tmp_path / "c.exr", torch.tensor([2.0, 1.0]).expand(2, 2, 2))
+    assert not (tmp_path / "c.exr").exists()

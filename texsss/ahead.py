@@ -59,12 +59,17 @@ class Ahead:
             return
 
     def _recorded(self) -> str:
-        """The names of the usual loops, recorded once for these versions of everything."""
+        """The names of the usual loops, recorded once for these versions of everything.
+
+        And anew where a folder has gone, as all do that nobody used for a month.
+        """
         sources = [path.read_bytes() for room in RECORDED for path in sorted((HERE / room).glob("*.py"))]
         key = hashlib.sha256(b"".join([*sources, version("torch").encode()])).hexdigest()[:24]
         known, folder = cache_folder() / f"usual-{key}", cache_folder()
-        if not known.is_file():
+        names = known.read_text().split() if known.is_file() else None
+        if names is None or not all((folder / name / f"{name}.py").is_file() for name in names):
             folder.mkdir(parents=True, exist_ok=True)
+            known.unlink(missing_ok=True)
             command = [sys.executable, "-c", RECORDS, str(HERE.parent)]
             written(known, run(command, folder, self._ended.is_set).decode())
         return known.read_text()

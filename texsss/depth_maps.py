@@ -10,8 +10,9 @@ from texsss.errors import DomainError, ShapeError
 from texsss.io.exr import write_exr
 from texsss.io.images import write_png
 from texsss.io.meshes import Up, read_mesh
-from texsss.media.depths import boundaries, scaled
-from texsss.media.stack import Stack
+from texsss.media.depths import boundaries, check_real, in_order, scaled
+from texsss.media.medium import Medium, expect
+from texsss.media.stack import Layer, Stack
 from texsss.surface.atlas import make_atlas
 from texsss.surface.raster import rasterise
 from texsss.transport.depth_bake import depths_from_meshes
@@ -57,26 +58,36 @@ def bake_depths(
 
 def save_depths(
     path: str | Path,
-    layers: Stack | Tensor,
+    layers: Stack | Layer | Medium | Tensor,
     range_mm: tuple[float | int, float | int] | None = None,
     *,
     invert: bool = False,
 ) -> dict[str, Any]:
     """Writes depth textures, .png (16 bits) or .exr, and tells how a scene reads them.
 
-    `layers`: a stack, or depths of lower boundaries (H, W, L) [mm], as `bake_depths` gives them. `range_mm`:
-    what black and white mean, exchanged by `invert`; 0 to the deepest unless told; beyond it depths are
-    clamped. Four layers share a file; further files are named path-1, path-2 …
+    `layers`: a stack or layer, or depths of lower boundaries (H, W, L) [mm], as `bake_depths` gives them.
+    `range_mm`: what black and white mean, exchanged by `invert`; 0 to the deepest unless told; beyond it
+    depths are clamped. Four layers share a file; further files are named path-1, path-2 …
     What comes back is {"maps": …, "depths": …}, for a scene's `maps` and `material.depths`.
-    Raises DomainError: for another kind of file, or a range that is none; ShapeError: without a finite layer.
+    Raises DomainError: for another kind of file, a range that is none, and depths that are negative, not
+    finite, or decrease from layer to layer; ShapeError: without a finite layer.
     """
     path = Path(path)
     if path.suffix.lower() not in (".png", ".exr"):
         raise DomainError(f"save_depths: expected a .png or .exr, got {path.name!r}; depths need the bits.")
+    expect("save_depths", layers, (Stack, Layer, Medium, Tensor), "a stack, or depths (H, W, L) as a tensor")
+    layers = Stack(layers) if isinstance(layers, Layer | Medium) else layers
     depth = boundaries(layers) if isinstance(layers, Stack) else layers
     if depth.ndim != 3 or 0 in depth.shape:
         raise ShapeError(f"save_depths: expected depths (H, W, L) [mm], got shape {tuple(depth.shape)}.")
-    span = range_mm or (0.0, float(depth.amax()) or 1.0)
+    check_real(depth)
+    least, most = (float(x) for x in depth.detach().aminmax())
+    if not (least >= 0 and most < float("inf")):
+        raise DomainError(
+            f"save_depths: expected finite depths >= 0 [mm], got {least:g}..{most:g}; they count downwards."
+        )
+    depth = in_order(depth.detach(), remedy="sort them by depths.sort(-1).values")
+    span = range_mm or (0.0, most or 1.0)
     maps: dict[str, Any] = {}
     for k, values in enumerate(scaled(depth, span, invert).split(4, -1)):
         file = path.with_stem(f"{path.stem}-{k}") if k else path

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from texsss.errors import DomainError, ShapeError
-from texsss.media.medium import Medium, mix
+from texsss.media.medium import Medium, mix, number
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
 
@@ -136,3 +136,8 @@ def test_any_medium_has_finite_albedo(sigma_a, sigma_s, g, eta):
     for share in (medium.albedo, medium.albedo_prime):
         assert 0 <= float(share) <= 1
     assert not bool(torch.isnan(medium.sigma_tr).any())
+
+
+def test_a_number_has_no_gradient_and_no_warning():
+    assert number("eta", torch.tensor([1.5], requires_grad=True)) == 1.5
+    assert number("eta", -(10**400)) == -math.inf

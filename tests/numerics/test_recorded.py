@@ -1,10 +1,15 @@
 """What is recorded, repeated by torch or as a loop of numba, is what the function gives."""
 
+import shutil
+import signal
+import subprocess
+import sys
+
 import pytest
 import torch
 
 from texsss.numerics import loop_files, native
-from texsss.numerics.jitted import Loop
+from texsss.numerics.jitted import Loop, Source
 from texsss.numerics.recorded import Recording
 
 S = torch.linspace(0, 3, 5)[:, None]
@@ -60,6 +65,30 @@ def test_a_loop_is_built_beside_what_asks_for_it(tmp_path, monkeypatch):
     torch.testing.assert_close(made, S * x)
     monkeypatch.setattr(loop_files, "run", lambda *_: pytest.fail("built again"))
     Loop(recording, wait=False)
+
+
+def test_a_loop_whose_folder_has_gone_is_made_anew(tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    recording, x = Recording(lambda a: S * a + 0.75, [torch.rand(1, 4)]), torch.rand(1, 4)
+    folder = loop_files.kept(Source(recording).text)
+    monkeypatch.setattr(loop_files, "_CHILD", "raise ImportError('numba')")
+    assert not loop_files.build(folder)
+    shutil.rmtree(folder)
+    monkeypatch.undo()
+    monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
+    made = torch.empty(len(S), 4)
+    Loop(recording, wait=True)([x], made)
+    torch.testing.assert_close(made, S * x + 0.75)
+    gone = folder.with_name("loop_gone")
+    assert not loop_files.build(gone)
+    assert gone not in loop_files._FAILED
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no alarms: the process ends by itself only")
+def test_a_process_that_nobody_waits_for_ends(tmp_path):
+    (tmp_path / "hangs.py").write_text("import time; time.sleep(60)")
+    command = [sys.executable, "-c", loop_files._CHILD, str(tmp_path), "hangs", str(tmp_path / "built"), "1"]
+    assert subprocess.run(command, check=False, timeout=30).returncode == -signal.SIGALRM
 
 
 def test_a_loop_that_cannot_be_kept_is_none(tmp_path, monkeypatch):

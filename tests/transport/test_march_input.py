@@ -69,7 +69,7 @@ def test_numbers_of_media_and_sizes_must_fit():
 
 @pytest.mark.parametrize("value", [math.nan, -0.1, math.inf])
 def test_depths_must_be_depths(value):
-    with pytest.raises(DomainError, match="depth textures"):
+    with pytest.raises(DomainError, match="Depth texture"):
         from_depths(torch.full((2, 2, 1), value), [MEDIUM])
 
 

@@ -15,7 +15,8 @@ def from_colour(colour: Coefficient, mean_free_path: Coefficient, g: float = 0.0
 
     `colour` 0..1, linear, and `mean_free_path` 1 / sigma_t [mm]: numbers, triples or maps. eta only
     says how the surface refracts; like all such inversions this one leaves it out.
-    Differentiable. Raises DomainError: outside 0..1, or for a mean free path not above zero.
+    Differentiable in colour and mean free path. Raises DomainError: outside 0..1, or for a mean free path
+    not above zero.
     Source: d'Eon 2021, A Hitchhiker's Guide to Multiple Scattering, as OpenPBR 1.1 prints it.
     """
     g = number("from_colour.g", g)

@@ -45,6 +45,7 @@ def stack_from_depths(
         raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
     for texture in textures:
         expect("Depth texture", texture, Tensor, "images as tensors (H, W, channels)")
+        check_real(texture)
         if texture.ndim != 3 or 0 in texture.shape:
             raise ShapeError(
                 f"Depth texture: expected images (H, W, channels), got shape {tuple(texture.shape)}; "
@@ -82,12 +83,22 @@ def stack_from_depths(
     return Stack([*layers, Layer(media[-1])] if infinite else layers)
 
 
+def check_real(depth: Tensor) -> None:
+    """Raises DomainError: for complex numbers."""
+    if depth.is_complex():
+        raise DomainError("Depth texture: expected real numbers, got complex ones; take their real part.")
+
+
 def in_order(
-    depth: Float[Tensor, "H W B"], sort: bool = False, names: Sequence[str] | None = None
+    depth: Float[Tensor, "H W B"],
+    sort: bool = False,
+    names: Sequence[str] | None = None,
+    remedy: str = 'sort them (sort=True, in scenes "sort": true), or invert the grey scale',
 ) -> Float[Tensor, "H W B"]:
     """Depths [mm] that rise from channel to channel; put in order where `sort` asks for it.
 
-    Differentiable. Raises DomainError, naming the channels: when one lies above the one before it.
+    `remedy`: what the message advises. Differentiable.
+    Raises DomainError, naming the channels: when one lies above the one before it.
     """
     if sort:
         return depth.sort(-1).values
@@ -99,13 +110,9 @@ def in_order(
         if bool(above.any()):
             where = above.nonzero()[0].tolist()
             raise DomainError(
-                f"depth textures: expected channel {named[i + 1]} to lie below channel {named[i]}, got "
+                f"Depth texture: expected channel {named[i + 1]} to lie below channel {named[i]}, got "
                 f"{float(seen[*where, i + 1]):g} mm under {float(seen[*where, i]):g} mm "
-                f"at texel {tuple(where)} and "
-                f"{int(above.sum()) - 1} others; "
-                'pass sort=True (in scenes "sort": true) to put them in order, or check which end of the '
-                "grey scale is deep (invert); boundaries that fold over themselves are not supported, as a "
-                "layer has one depth per texel."
+                f"at texel {tuple(where)} and {int(above.sum()) - 1} others; {remedy}."
             )
     return depth.cummax(-1).values
 

@@ -198,9 +198,14 @@ def expect(name: str, value: Any, kinds: type | tuple[type, ...], what: str) -> 
 
 
 def number(name: str, value: Any) -> float:
-    """`value` as a number. Raises DomainError."""
-    if isinstance(value, Real) or (isinstance(value, Tensor) and value.numel() == 1):
-        return float(value)
+    """`value` as a number, without its gradient; one too large is infinite. Raises DomainError."""
+    if isinstance(value, Tensor) and value.numel() == 1 and not value.is_complex():
+        return float(value.detach())
+    if isinstance(value, Real):
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value == abs(value) else -math.inf
     raise DomainError(f"{name}: expected one number, got {told(value)}; it is the same everywhere.")
 
 

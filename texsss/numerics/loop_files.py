@@ -15,9 +15,13 @@ from pathlib import Path
 
 from texsss.numerics.native import cache_folder, notice, processor, run, sweep, written
 
-# what the process does: it gives way to others, and says at last how long it took
-_CHILD = """import os, sys, time
-folder, name, built = sys.argv[1:]
+# what the process does: it gives way to others, ends even if nobody waits for it any more, and says at last
+# how long it took
+_CHILD = """import os, signal, sys, time
+folder, name, built, patience = sys.argv[1:]
+if hasattr(signal, "SIGALRM"):
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(int(patience))
 os.nice(10)
 sys.path.insert(0, folder)
 __import__(name)
@@ -53,8 +57,13 @@ def loop(text: str, wait: bool) -> Callable[..., None]:
 def kept(text: str) -> Path:
     """The folder of a source, which is written there."""
     name = f"loop_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    written(cache_folder() / name / f"{name}.py", text)
-    return cache_folder() / name
+    folder = cache_folder() / name
+    source = folder / f"{name}.py"
+    if not source.is_file():  # it may have gone since it was tried
+        _BEGUN.discard(folder)
+        _FAILED.pop(folder, None)
+    written(source, text)
+    return folder
 
 
 def build(folder: Path, cancel: Callable[[], bool] = lambda: False) -> bool:
@@ -68,10 +77,10 @@ def build(folder: Path, cancel: Callable[[], bool] = lambda: False) -> bool:
             return False
         try:
             sweep(folder.parent)
-            command = [sys.executable, "-c", _CHILD, str(folder), folder.name, str(_built(folder))]
-            run(command, folder, cancel, PATIENCE_S)
+            given = [str(folder), folder.name, str(_built(folder)), f"{PATIENCE_S:.0f}"]
+            run([sys.executable, "-c", _CHILD, *given], folder, cancel, PATIENCE_S)
         except (OSError, subprocess.SubprocessError) as error:
-            if not cancel():
+            if folder.is_dir() and not cancel():  # one that has gone may be written anew
                 _FAILED[folder] = type(error).__name__
         return _built(folder).is_file()
 

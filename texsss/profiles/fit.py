@@ -1,17 +1,19 @@
 """Profiles as sums of Gaussians on their own, for plots, engines and comparison."""
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import torch
 
 from texsss.errors import DomainError
+from texsss.media.medium import number, told
 from texsss.profiles.bands import Band, bands, gathered
 from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.grid import grid_gaussians
 from texsss.profiles.hankel import SIDES, Material, as_table, choose
 from texsss.profiles.incidence import Incidence, incidence_directions
-from texsss.profiles.project import projector, radial_error
+from texsss.profiles.project import check_variances, projector, radial_error
 from texsss.types import Float, Tensor
 
 FITS = ("project", "grid", "optimise")
@@ -61,11 +63,21 @@ def fit_gaussians(
                     f"fit_gaussians: expected {name}={known!r} with fit='grid', got {given!r}; "
                     "leave it out, as the grid has its own, or take fit='project'."
                 )
+        if drop_below_mfp is not None and not number("fit_gaussians.drop_below_mfp", drop_below_mfp) >= 0:
+            raise DomainError(
+                f"fit_gaussians: expected drop_below_mfp >= 0, got {told(drop_below_mfp)}; take 1.5."
+            )
         return grid_gaussians(table, drop_below_mfp=drop_below_mfp)[SIDES.index(side)]
     if drop_below_mfp is not None:
         raise DomainError(
-            f"fit_gaussians: expected no drop_below_mfp with fit={fit!r}, got {drop_below_mfp:g}; "
+            f"fit_gaussians: expected no drop_below_mfp with fit={fit!r}, got {told(drop_below_mfp)}; "
             "it is for fit='grid', thin layers do no harm here."
+        )
+    if variances is not None:
+        check_variances(variances)
+    if terms is not None and not (isinstance(terms, Integral) and terms >= 1):
+        raise DomainError(
+            f"fit_gaussians: expected a whole number of terms >= 1, got {told(terms)}; 4 to 8 serve well."
         )
     options: dict[str, Any] = {"side": side, "model": model or MODEL}
     options |= {"scattering": scattering, "incidence": incidence}
@@ -115,8 +127,6 @@ def _spread(found: list[Band], terms: int) -> Float[Tensor, " K"]:
     They divide evenly what the rows of which light comes back ask for, on a logarithmic axis: scales that no
     row has get none, and a few extreme rows get few.
     """
-    if terms < 1:
-        raise DomainError(f"fit_gaussians: expected at least one term, got {terms}; 4 to 8 serve well.")
     narrowest, widest = [], []
     for band in found:
         sampled, s = band.sampled.detach(), band.s

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError, ShapeError
+from texsss.media.medium import check_at_least_zero, expect
 from texsss.types import Float, Tensor
 
 
@@ -34,7 +35,13 @@ class GaussianSum:
         return self.weights.sum(-2)
 
     def evaluate(self, r: Float[Tensor, " R"]) -> Float[Tensor, "*B R C"]:
-        """R(r) at distances `r` [mm], in 1/mm²; terms of variance 0, all at r = 0, are left out."""
+        """R(r) at distances `r` [mm], in 1/mm²; terms of variance 0, all at r = 0, are left out.
+
+        Raises DomainError: for what is no tensor of distances >= 0.
+        """
+        expect("GaussianSum.evaluate", r, Tensor, "distances (R,) as a tensor")
+        if r.numel():
+            check_at_least_zero("GaussianSum.evaluate", r, "mm")
         wide = self.variances > 0
         v = torch.where(wide, self.variances, torch.ones_like(self.variances))
         basis = torch.exp(-(r[:, None] ** 2) / (2 * v)) / (2 * torch.pi * v) * wide

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import torch
 
-from texsss.errors import DomainError
-from texsss.media.medium import Medium
+from texsss.errors import DomainError, ShapeError
+from texsss.media.medium import Medium, told
 from texsss.media.phase import PHASES
 from texsss.media.stack import Layer, LayerTable, Stack
 from texsss.profiles import layered_diffusion, layered_sp3
@@ -41,7 +41,7 @@ def hankel_profiles(
     within refracts. dipole, better-dipole: the first layer as a half-space; those and multipole put the
     source at one depth, whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine.
     Differentiable in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are
-    listed; for frequencies that are negative or not finite.
+    listed; for frequencies that are none, negative or not finite; ShapeError: unless they are (S,).
     """
     s = _frequencies(s)
     table = as_table(material, s.dtype).to(device=s.device)
@@ -52,9 +52,20 @@ def hankel_profiles(
 
 
 def _frequencies(s: Float[Tensor, " S"] | Int[Tensor, " S"]) -> Float[Tensor, " S"]:
-    s = torch.as_tensor(s)
+    try:
+        s = torch.as_tensor(s)
+        if s.is_complex():
+            raise TypeError("real numbers are meant")
+    except (TypeError, ValueError, RuntimeError) as e:
+        raise DomainError(
+            f"hankel_profiles: expected a tensor of real frequencies (S,) [1/mm], got {told(s)}; pass one."
+        ) from e
+    if s.ndim != 1 or not len(s):
+        raise ShapeError(
+            f"hankel_profiles: expected one frequency or more (S,), got shape {tuple(s.shape)}; reshape it."
+        )
     s = s if s.dtype.is_floating_point else s.to(torch.float64)
-    least, most = (float(x) for x in s.detach().aminmax()) if s.numel() else (0.0, 0.0)
+    least, most = (float(x) for x in s.detach().aminmax())
     if not (least >= 0 and most < float("inf")):
         raise DomainError(
             f"hankel_profiles: expected finite frequencies s >= 0 [1/mm], got {least:g}..{most:g}; profiles "

@@ -8,6 +8,7 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.media import fresnel
+from texsss.media.medium import number
 from texsss.numerics.quadrature import gauss_weighted
 
 Incidence = float | str
@@ -27,12 +28,13 @@ def incidence_directions(incidence: Incidence, eta: float) -> tuple[tuple[float,
         return ((1.0, 1.0),)
     if incidence == "diffuse":
         return _entered(eta, NODES if eta >= 1.2 else NODES_WIDE)
-    if isinstance(incidence, str) or not 0 <= incidence <= math.pi / 2:
+    angle = math.nan if isinstance(incidence, str | None) else number("incidence", incidence)
+    if not 0 <= angle <= math.pi / 2:
         raise DomainError(
             f"incidence: expected 'diffuse', 'normal' or an angle in 0..π/2 [rad], got {incidence!r}."
         )
     # grazing light of an unrefracting medium never gets in: stay a hair above
-    return ((max(math.sqrt(1 - math.sin(incidence) ** 2 / eta**2), 1e-3), 1.0),)
+    return ((max(math.sqrt(1 - math.sin(angle) ** 2 / eta**2), 1e-3), 1.0),)
 
 
 def mean_direction(incidence: Incidence, eta: float) -> tuple[tuple[float, float], ...]:

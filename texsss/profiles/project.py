@@ -49,16 +49,22 @@ def frequencies(
     They reach the Nyquist frequency π / texel that belongs to the narrowest positive variance.
     Raises DomainError: for variances that are none.
     """
+    check_variances(variances)
+    positive = variances[variances > 0]
+    narrow = float(positive.min().sqrt()) if positive.numel() else 1.0
+    return graded(count, math.pi * NARROWEST_TEXELS / narrow)
+
+
+def check_variances(variances: Float[Tensor, " K"]) -> None:
+    """Raises DomainError: for variances that are none."""
     known = isinstance(variances, Tensor) and variances.ndim == 1 and variances.numel()
+    known = known and not variances.is_complex()
     if not known or not bool(((variances >= 0) & (variances < math.inf)).all()):
         what = variances.tolist() if isinstance(variances, Tensor) else variances
         raise DomainError(
             f"Gaussians: expected a tensor (K,) of finite variances >= 0 [mm²], got {what!r:.60}; "
             "variance_ladder makes some."
         )
-    positive = variances[variances > 0]
-    narrow = float(positive.min().sqrt()) if positive.numel() else 1.0
-    return graded(count, math.pi * NARROWEST_TEXELS / narrow)
 
 
 def projector(

@@ -129,26 +129,26 @@ def from_depths(
     sizes = sorted({tuple(t.shape[:2]) for t in images})
     if len(sizes) != 1:
         raise ShapeError(
-            f"depth textures: expected one or more of one size, got {sizes or 'none'}; "
+            f"Depth texture: expected one or more of one size, got {sizes or 'none'}; "
             "resize them to the largest."
         )
     raw = torch.cat(images, -1)
     channels = raw.shape[-1]
     if len(media) not in (channels, channels + 1):
         raise ShapeError(
-            f"depth textures: expected {channels} media for {channels} channels, or one more for an "
+            f"Depth texture: expected {channels} media for {channels} channels, or one more for an "
             f"infinite layer below, got {len(media)}; "
             "drop the alpha channel of an image whose alpha is no depth."
         )
     seen = raw.detach()
     if not bool(torch.isfinite(seen).all()) or float(seen.amin()) < 0 or not 0 < scale_mm < math.inf:
         raise DomainError(
-            "depth textures: expected finite values >= 0 and a scale above 0, got "
+            "Depth texture: expected finite values >= 0 and a scale above 0, got "
             f"{float(seen.amin()):g}..{float(seen.amax()):g} and {scale_mm:g} mm; clean or clamp them."
         )
     if invert and float(seen.amax()) > 1:
         raise DomainError(
-            f"depth textures: expected values in 0..1 to invert, got up to {float(seen.amax()):g}; "
+            f"Depth texture: expected values in 0..1 to invert, got up to {float(seen.amax()):g}; "
             "scale them first."
         )
     depth = (1 - raw if invert else raw) * scale_mm
@@ -159,7 +159,7 @@ def from_depths(
     eta = {m.eta for m in media}
     if len(eta) > 1:
         raise DomainError(
-            f"depth textures: expected media of one refractive index, got {sorted(eta)}; "
+            f"Depth texture: expected media of one refractive index, got {sorted(eta)}; "
             "rays are not bent within."
         )
     wide = max(m.channels for m in media)
@@ -169,7 +169,7 @@ def from_depths(
     for values in zip(*fields):
         if any(v.ndim == 3 and v.shape[:2] != raw.shape[:2] for v in values):
             raise ShapeError(
-                f"depth textures: expected coefficient maps of their size {tuple(raw.shape[:2])}, "
+                f"Depth texture: expected coefficient maps of their size {tuple(raw.shape[:2])}, "
                 "got others; resize them."
             )
         mapped = any(v.ndim == 3 for v in values)
