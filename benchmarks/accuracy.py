@@ -214,7 +214,7 @@ layers of thickness 0, leave what gets out to the indices beneath, as in truth, 
 Under nearly clear films thicker than about .3 mm over dense matter this fails: light which such a film lets
 fly far still comes back near, and R̂(s) falls, rises again and then falls too late. For 2 mm, clear,
 eta 1.3, on σa .5, σs 5/mm, R̂ is .205, .263, .208 and .160 at s = .14, .5, 1.7 and 3.3/mm, where the Monte
-Carlo has .264, .195, .026 and .004; weights fitted to it turn negative (-.14 of .886). R̂(0) is not concerned.
+Carlo has .264, .195, .026 and .004; weights fitted to it turn negative (-.14 of .886).
 
 ## Thin slabs that scatter forwards
 
