@@ -14,7 +14,7 @@ from texsss.types import Tensor
 
 TILE = 64  # columns at once: all that is known of them fits into the first caches
 
-# e^x, sin x by reduced arguments and polynomials (Cephes): without branches, so that loops become vectors
+# e^x, sin x, arctan x by reduced arguments and polynomials (Cephes): no branches, so loops become vectors
 _HEAD = '''"""Written by texsss.numerics.jitted."""
 import math
 import numpy as np
@@ -69,6 +69,19 @@ def sin(x):
 def cos(x):
     return sin(x + F(1.57079633))
 
+@njit(**OPTIONS)
+def atan(x):
+    y = x / (F(1) + math.sqrt(F(1) + x * x))
+    y = y / (F(1) + math.sqrt(F(1) + y * y))
+    z = y * y
+    p = F(1 / 13)
+    p = p * z + F(-1 / 11)
+    p = p * z + F(1 / 9)
+    p = p * z + F(-1 / 7)
+    p = p * z + F(1 / 5)
+    p = p * z + F(-1 / 3)
+    return F(4) * (p * z * y + y)
+
 '''
 _SIGNATURE = "void(float32[:, ::1], float32[:, ::1], float32[::1], float32[:, ::1])"
 _FORMS = {
@@ -76,6 +89,7 @@ _FORMS = {
     "add": "{0} + {1}",
     "addcdiv": "{0} + {1} / {2}",
     "addcmul": "{0} + {1} * {2}",
+    "atan": "atan({0})",
     "clamp_max": "min({0}, {1})",
     "clamp_min": "max({0}, {1})",
     "cos": "cos({0})",

@@ -15,9 +15,9 @@ from texsss.types import Tensor
 COLUMNS = 11  # that are recorded: a width that nothing else has
 # fmt: off
 ELEMENTWISE = {
-    "abs", "add", "addcdiv", "addcmul", "clamp", "clamp_max", "clamp_min", "cos", "div", "exp", "expm1", "ge",
-    "gt", "le", "lerp", "lt", "maximum", "minimum", "mul", "neg", "pow", "reciprocal", "rsqrt", "sin", "sqrt",
-    "sub", "where",
+    "abs", "add", "addcdiv", "addcmul", "atan", "clamp", "clamp_max", "clamp_min", "cos", "div", "exp",
+    "expm1", "ge", "gt", "le", "lerp", "lt", "maximum", "minimum", "mul", "neg", "pow", "reciprocal", "rsqrt",
+    "sin", "sqrt", "sub", "where",
 }
 # fmt: on
 SAME = ("contiguous", "detach", "expand_as")  # the same numbers

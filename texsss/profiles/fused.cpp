@@ -3,6 +3,7 @@
 // layered_sp3.py and what these use; names are the same.
 
 #include "diffusion.h"
+#include "even.h"
 #include "four_streams.h"
 #include "once.h"
 #include "sweep.h"
@@ -67,9 +68,11 @@ struct Solver {
   Layers layers, below, pale, unreduced;  // from the surface inwards, from below; without absorption; in truth
   Lights lights, beneath, shining, unreduced_lights, level;
   FourStreams four;
+  const bool mirroring;
+  Even even, pale_even;
   V factor, passed;  // of multiple scattering, and of all on its way through
 
-  explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets) {}
+  explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets), mirroring(Even::holds(endless, a.etas)) {}
 
   // Of `layers`, which are given; their g still tells of the true coefficients
   void prepare() {
@@ -91,9 +94,10 @@ struct Solver {
     }
     if (!h.twice) return;
     for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
+    if (mirroring) even.prepare(layers, lights, asked.directions, asked.exits[0]);
     factor = furnace();
     if (!h.deflected) return;
-    V more = factor * swept(sweeps, 0), once = reduced.at(0);
+    V more = factor * scattered_more(sweeps, even, 0), once = reduced.at(0);
     V handed = four.lacking(layers, endless, h.below, asked.directions, *asked.streams);
     if (h.below)
       passed = positive(1 + handed / (more + once + FEW));
@@ -114,10 +118,10 @@ struct Solver {
     truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true);
   }
 
-  static V swept(const std::vector<Sweep>& sweeps, float s) {
+  V scattered_more(const std::vector<Sweep>& sweeps, const Even& even, float s) const {
     V total = {};
     for (const Sweep& sweep : sweeps) total += sweep.at(s);
-    return total;
+    return mirroring ? total * even.rest + even.at(s) : total;
   }
 
   // What multiple scattering lacks for the same stack without absorption to return all light
@@ -139,7 +143,8 @@ struct Solver {
       }
       lacking -= white.all_of(pale, shining, endless, asked.exits[side]);
       for (int i = 0; i < h.sets; i++) others[i].prepare(pale, shining, endless, asked.sets[side][i]);
-      have += swept(others, 0);
+      if (mirroring && !side) pale_even.prepare(pale, shining, asked.directions, asked.exits[0]);
+      have += scattered_more(others, pale_even, 0);
     }
     return greater(lesser((lacking + FEW) * inverse(have + FEW), all(2)), all(0.5f));
   }
@@ -158,7 +163,7 @@ struct Solver {
   V at(float s) const {
     V total = {};
     if (h.once) total = h.deflected && (!h.below || !h.twice) ? truly.at(s) : reduced.at(s);
-    if (h.twice) total += factor * swept(sweeps, s);
+    if (h.twice) total += factor * scattered_more(sweeps, even, s);
     total *= passed;
     if (h.marched) total -= marched.at(s);
     return total;

@@ -3,7 +3,8 @@
 Multiple scattering is carried by two modes of different mean cosine, coupled by scattering, as in the
 SP3 equations; what the modes carry without scattering is the light that scattered once, crudely, and
 is replaced by the exact integral. Cosines, boundary coefficients: fitted to half-spaces of index 1 to
-1.6, Gauss nodes at 1. One factor per row makes a stack that absorbs nothing lose nothing.
+1.6, Gauss nodes at 1. Thin slabs between faces that mirror are lit evenly instead (`even`). One factor per
+row makes a stack that absorbs nothing lose nothing.
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
 
@@ -13,8 +14,9 @@ from typing import NamedTuple, no_type_check
 import torch
 
 from texsss.media.stack import LayerTable
-from texsss.profiles import single
+from texsss.profiles import even, single
 from texsss.profiles.blocks import Loops, Solver, solved
+from texsss.profiles.even import Even, scattered_evenly
 from texsss.profiles.four_streams import lacking
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
@@ -26,12 +28,23 @@ from texsss.types import Float, Tensor
 FEW = 1e-6  # light [of what entered] below which what scales it fades out
 
 
+class Multiple(NamedTuple):
+    """What scatters more than once."""
+
+    sweeps: tuple[Sweep, ...]
+    share: tuple[Tensor | float, ...]  # of every sweep, (1, N) or a number
+    even: Even | None
+
+    def times(self, factor: Tensor) -> "Multiple":
+        slab = self.even and self.even._replace(strength=self.even.strength * factor)
+        return Multiple(self.sweeps, tuple(share * factor for share in self.share), slab)
+
+
 class Prepared(NamedTuple):
     """A stack seen from one side, whatever the frequency."""
 
     once: tuple[Node, ...]  # none if only multiple scattering was asked for
-    sweeps: tuple[Sweep, ...]  # none if only single scattering was
-    share: tuple[Tensor, ...]  # of every sweep, (1, N)
+    more: Multiple | None  # None if only single scattering was
     passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
     marched: tuple[Node, ...]  # what is left to the march; none unless asked for
 
@@ -77,13 +90,13 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if unreduced is not None:
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
     if scattering == "single":
-        return Prepared(once, (), (), None, ())
-    sweeps, weights = _sweeps(layers, lights, side)
+        return Prepared(once, None, None, ())
+    more = _multiple(layers, lights, directions, side)
     factor = _furnace(layers, lights, directions)
     passed = None
     if unreduced is not None:
         zero = factor.new_zeros(1, 1)
-        whole = factor * _swept(sweeps, weights, zero)
+        whole = factor * _scattered_more(more, zero)
         handed = lacking(layers, directions, side)
         if side == "reflectance":
             handed = handed + scattered_once(reduced, zero) - scattered_once(once, zero)
@@ -96,15 +109,15 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if scattering == "unmarched" and side == "reflectance":
         marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
     once = () if scattering == "multiple" else once
-    return Prepared(once, sweeps, tuple(factor * w for w in weights), passed, marched)
+    return Prepared(once, more.times(factor), passed, marched)
 
 
 @no_type_check
 def spectrum(prepared, s):
     """R̂ or T̂ per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
     terms = [scattered_once(prepared.once, s)] if prepared.once else []
-    s2 = s * s
-    terms += [share * scattered_twice(sweep, s, s2) for share, sweep in zip(prepared.share, prepared.sweeps)]
+    if prepared.more is not None:
+        terms.append(_scattered_more(prepared.more, s))
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
@@ -119,17 +132,22 @@ def _marched(layers, phase, directions):
 
 
 @no_type_check
-def _swept(sweeps, weights, s):
-    return added([weight * scattered_twice(sweep, s, s * s) for weight, sweep in zip(weights, sweeps)])
+def _scattered_more(more, s):
+    s2 = s * s
+    terms = [share * scattered_twice(sweep, s, s2) for share, sweep in zip(more.share, more.sweeps)]
+    if more.even is not None:
+        terms.append(scattered_evenly(more.even, s))
+    return added(terms)
 
 
 @no_type_check
-def _sweeps(layers, lights, side):
-    """Sweeps of two modes, one per parameter set, and the weights of these."""
-    inner = layers[0].eta
+def _multiple(layers, lights, directions, side):
+    """Sweeps of two modes, one per parameter set, their shares, and light that is everywhere alike."""
+    inner, slab = layers[0].eta, even.prepare(layers, directions)
     layers, lights = from_side(side, layers, lights)
     sets = parameters(inner, layers[0].eta, layers[-1].eta)
-    return tuple(swept(layers, lights, *modes) for _, *modes in sets), tuple(weight for weight, *_ in sets)
+    share = tuple(weight if slab is None else weight * slab.rest for weight, *_ in sets)
+    return Multiple(tuple(swept(layers, lights, *modes) for _, *modes in sets), share, slab)
 
 
 @no_type_check
@@ -144,7 +162,7 @@ def _furnace(layers, lights, directions):
     once, have = 0.0, 0.0
     for side in ("reflectance", "transmittance")[: 1 if layers[-1].d is None else 2]:
         once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)
-        have = have + _swept(*_sweeps(white, lit, side), zero)
+        have = have + _scattered_more(_multiple(white, lit, directions, side), zero)
     lacking = extinguished(layers, directions) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 
