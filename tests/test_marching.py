@@ -6,6 +6,7 @@ from serving import torus_obj
 
 from texsss.baker import Baker
 from texsss.io.images import write_png
+from texsss.light import irradiance
 from texsss.pipeline import Run
 from texsss.scene import Scene
 
@@ -116,6 +117,24 @@ def test_lights_with_an_extent_are_marched_as_with_many_rays(baker, ring, light,
     # the same looks for all: neighbours differ no more than with thousands
     rough = [float(image.diff(dim=1)[on[:, 1:] & on[:, :-1]].norm()) for image in (auto, exact)]
     assert rough[0] < 1.1 * rough[1]
+
+
+def test_light_of_every_extent_is_looked_for_once(ring, monkeypatch):
+    """A march that takes what entered of each asks for no rays that diffusion has not traced already."""
+    traced = []
+    monkeypatch.setattr(
+        irradiance,
+        "_lit",
+        lambda *a, apart, _lit=irradiance._lit, **k: traced.append(apart) or _lit(*a, apart=apart, **k),
+    )
+    lit = ring | {"lights": [SKY, BALL, LAMP]}
+    auto, none = (
+        Baker().bake(Scene.parse(lit | {"methods": {"diffusion": "uv", "single_scattering": how}}))
+        for how in ("auto", "none")
+    )
+    assert auto.picture is not None and none.picture is not None
+    assert traced == [True, False]
+    assert torch.equal(auto.texel_exitance, none.texel_exitance)
 
 
 def test_a_lamp_and_a_sky_are_marched_apart(baker, ring):

@@ -1,13 +1,16 @@
 """What lights the object: emitters placed, and the light that enters at points of the surface."""
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, reduce
+from typing import Any
+
+import torch
 
 from texsss import placing
 from texsss.cache import Kept
 from texsss.light.beneath import arriving
 from texsss.light.emitters import Environment, Light
-from texsss.light.irradiance import Weighing, irradiance_at
+from texsss.light.irradiance import Weighing, grouped, irradiance_apart, irradiance_at
 from texsss.light.sites import Sites, sites_at
 from texsss.look import bumped
 from texsss.matter import Matter
@@ -42,12 +45,9 @@ class Lighting(Matter):
 
     @cached_property
     def parts(self) -> list[Light]:
-        """The lights, surroundings in parts of about one brightness each."""
-        return [
-            part
-            for light in self.lights
-            for part in (light.parts if isinstance(light, Environment) else (light,))
-        ]
+        """The lights, those without extent first, surroundings in parts of about one brightness each."""
+        points, areas, surroundings = grouped(self.lights)
+        return [*points, *areas, *surroundings]
 
     def entered(
         self,
@@ -57,17 +57,18 @@ class Lighting(Matter):
         lights: Sequence[Light] | None = None,
     ) -> Float[Tensor, "P 3"]:
         """Entered irradiance at sites [W/m²], of all lights or those named; by its angle where told how."""
-        return irradiance_at(
-            sites,
-            self.lights if lights is None else lights,
-            eta=self.stack.value.eta,
-            occluder=self.occluder.value,
-            environment_samples=placing.environment_samples(self.scene),
-            area_samples=placing.area_samples(self.scene),
-            seed=self.scene.seed,
-            by_angle=by_angle,
-            **self.hooks(stage),
-        )
+        asked = self.lights if lights is None else lights
+        return irradiance_at(sites, asked, by_angle=by_angle, **self._looks, **self.hooks(stage))
+
+    @property
+    def _looks(self) -> dict[str, Any]:
+        return {
+            "eta": self.stack.value.eta,
+            "occluder": self.occluder.value,
+            "environment_samples": placing.environment_samples(self.scene),
+            "area_samples": placing.area_samples(self.scene),
+            "seed": self.scene.seed,
+        }
 
     @property
     def bump(self) -> tuple:
@@ -85,8 +86,24 @@ class Lighting(Matter):
     def irradiance(self) -> Kept:
         """Entered irradiance at the texels (P, 3) [W/m²]."""
         sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
-        make = lambda: self.entered(sites.value, "light")  # noqa: E731
+        each = self._each if self.marches_what_entered else None
+
+        def make() -> Tensor:
+            return self.entered(sites.value, "light") if each is None else reduce(torch.add, each.value)
+
         return self.stage("light", make, sites, self.lights_key, eta, seed)
+
+    @cached_property
+    def _each(self) -> Kept | None:
+        """What enters at the texels of lights without extent, and of each other of `parts`, looked for once.
+
+        None where that is all one, or nothing has an extent.
+        """
+        if len(self.parts) == 1 or all(part.is_delta for part in self.parts):
+            return None
+        sites, eta, seed = self.sites, self.stack.value.eta, self.scene.seed
+        make = lambda: irradiance_apart(sites.value, self.lights, **self._looks, **self.hooks("light"))  # noqa: E731
+        return self.stage("light", make, sites, self.lights_key, eta, seed, "apart")
 
     @cached_property
     def curvature(self) -> Kept:
@@ -101,14 +118,12 @@ class Lighting(Matter):
     @property
     def entered_apart(self) -> list[Kept | None]:
         """Entered irradiance at the texels (P, 3) [W/m²] of each of `parts` alone that has an extent."""
-        return [None if part.is_delta else self._entered_of(k) for k, part in enumerate(self.parts)]
-
-    def _entered_of(self, number: int) -> Kept:
-        if len(self.parts) == 1:
-            return self.irradiance
-        sites, eta, seed, part = self.sites, self.stack.value.eta, self.scene.seed, self.parts[number]
-        make = lambda: self.entered(sites.value, "light", lights=[part])  # noqa: E731
-        return self.stage("light", make, sites, self.lights_key, eta, seed, "part", number)
+        points = sum(part.is_delta for part in self.parts)
+        each = self._each
+        if each is None:
+            return [None] * points + [self.irradiance] * (len(self.parts) - points)
+        alone = [each.turned(light, f"part {number}") for number, light in enumerate(each.value[1:])]
+        return [None] * points + alone
 
     @property
     def irradiance_by_angle(self) -> Kept:

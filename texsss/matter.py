@@ -181,6 +181,11 @@ class Matter(Ground):
         return "exact" if fits and self.scene.lights else "none"
 
     @property
+    def marches_what_entered(self) -> bool:
+        """Whether the march takes from the texels what enters of lights that have an extent."""
+        return self.scene.methods.single_scattering == "auto" and self.marching != "none"
+
+    @property
     def phase(self) -> Literal["henyey-greenstein", "schlick"]:
         """The phase of all layers that deflect. Raises DomainError: if they differ."""
         specs = [self.scene.media.get(name) for name in resolve.media_names(self.scene)]

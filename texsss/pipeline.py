@@ -90,7 +90,7 @@ class Run(Diffusing):
     @property
     def known_to_enter(self) -> list[Kept | None]:
         """Per light part, what enters of it at the texels, where the march takes that from there."""
-        return self.entered_apart if self.scene.methods.single_scattering == "auto" else []
+        return self.entered_apart if self.marches_what_entered else []
 
     @property
     def posed(self) -> dict[str, str | float] | None:

@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 from shapes import scatter, sphere, square, together
 
 from texsss.errors import Cancelled, DomainError, ShapeError
+from texsss.light.areas import RectangleLight
 from texsss.light.emitters import ConstantEnvironment, DirectionalLight, PointLight
-from texsss.light.irradiance import irradiance
+from texsss.light.environment import ImageEnvironment
+from texsss.light.irradiance import irradiance, irradiance_apart, irradiance_at
+from texsss.light.sites import sites_at
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.surface.points import Points
@@ -26,6 +29,26 @@ def test_furnace(eta):
     entered = irradiance(points, mesh, lights, eta=eta, occluder=Occluder(mesh), environment_samples=16)
     expected = math.pi * fresnel.F_dt(eta) * torch.tensor([1.0, 0.5, 2.0])
     torch.testing.assert_close(entered, expected.expand_as(entered), rtol=1e-5, atol=0)  # measured 4e-7
+
+
+def test_lights_apart_add_up_to_the_bit():
+    """Lamps together, each panel and each part of the surroundings alone: in turn they are all light."""
+    mesh = sphere(subdivisions=2)
+    sites, look = sites_at(scatter(mesh, 500), mesh), {"occluder": Occluder(mesh), "eta": 1.3, "seed": 5}
+    panel = RectangleLight((0.0, 0.0, 300.0), (0.0, 90.0, 0.0), (90.0, 0.0, 0.0), (5.0, 4.0, 3.0))
+    image = torch.full((32, 64, 3), 0.1)
+    image[8, 20] = 100.0
+    lamps = [DirectionalLight(v, (1.0, 2.0, 3.0)) for v in ((1.0, 0.0, 1.0), (0.0, 1.0, 0.5))]
+    lights = [panel, lamps[0], ImageEnvironment(image), lamps[1]]
+    each = irradiance_apart(sites, lights, **look)
+    assert len(each) == 4 and all(bool((one > 0).any()) for one in each)
+    total = each[0]
+    for one in each[1:]:
+        total = total + one
+    assert torch.equal(total, irradiance_at(sites, lights, **look))
+    for one, alone in zip(each, (lamps, [panel], None, None), strict=True):
+        assert alone is None or torch.equal(one, irradiance_at(sites, alone, **look))
+    assert torch.equal(each[2] + each[3], irradiance_at(sites, [lights[2]], **look))
 
 
 def test_half_the_sky():

@@ -79,19 +79,23 @@ class ImageEnvironment:
     ) -> LightSamples:
         """See `Light.sample`; half the samples follow the panorama's brightness, half the cosine.
 
-        Each is weighted by both densities together (balance heuristic). Source: Veach & Guibas 1995.
+        Each is weighted by both densities together (balance heuristic); where only one kind is among the
+        `looks`, all are of that. Source: Veach & Guibas 1995.
         """
-        by_image = square[:, 0] < 0.5
+        if len(self.looks) == 2:
+            by_image = square[:, 0] < 0.5
+            square = torch.stack([torch.frac(2 * square[:, 0]), square[:, 1]], -1)
+        else:
+            by_image = torch.full_like(square[:, 0], self.looks[0], dtype=torch.bool)
         bright, around = by_image.nonzero()[:, 0], (~by_image).nonzero()[:, 0]
-        chosen = self._pool.to(position)[_cell(square[bright] * square.new_tensor([2.0, 1.0]))]
-        free = square[around] * square.new_tensor([2.0, 1.0]) - square.new_tensor([1.0, 0.0])
-        spread, _ = cosine_hemisphere(normal[around], free.clamp(0, 1 - 1e-7))
+        chosen = self._pool.to(position)[_cell(square[bright])]
+        spread, _ = cosine_hemisphere(normal[around], square[around].clamp(0, 1 - 1e-7))
         found = torch.cat([spread, self._cells.to(position)[self._texel(spread)]], 1)
         seen = position.new_empty(len(square), 7).index_copy(0, bright, chosen).index_copy(0, around, found)
         direction, radiance, density = seen[:, :3], seen[:, 3:6], seen[:, 6]
-        cosine = (normal * direction).sum(-1).clamp_min(0)
-        irradiance = radiance / ((density + cosine / math.pi) / 2).clamp_min(1e-12)[:, None]
-        return LightSamples(direction, position.new_full(position.shape[:1], math.inf), irradiance)
+        chance = self._chance(density, (normal * direction).sum(-1).clamp_min(0)) / len(self.looks)
+        distance = position.new_full(position.shape[:1], math.inf)
+        return LightSamples(direction, distance, radiance / chance.clamp_min(1e-12)[:, None])
 
     def look(
         self,
@@ -112,9 +116,13 @@ class ImageEnvironment:
             drawn = self._pool.to(normal).index_select(0, cell)
             direction, radiance, density = drawn[:, :3], drawn[:, 3:6], drawn[:, 6]
             cosine = (normal * direction).sum(-1).clamp_min(0)
-        around = cosine / math.pi
-        chance = density + around if len(self.looks) == 2 else density if self.looks[0] else around
+        chance = self._chance(density, cosine)
         return direction, radiance * (cosine / chance.clamp_min(1e-12))[:, None]
+
+    def _chance(self, density: Float[Tensor, " P"], cosine: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
+        """Sum of the densities of all `looks` [1/sr]; `density`: of those that look for light."""
+        around = cosine / math.pi
+        return density + around if len(self.looks) == 2 else density if self.looks[0] else around
 
     def unoccluded(self, eta: float) -> Callable[[Tensor], Tensor]:
         """See `Environment.unoccluded`: summed for normals on a cube, bilinear between them."""

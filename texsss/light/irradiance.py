@@ -57,10 +57,46 @@ def irradiance(
     return irradiance_at(sites_at(points, mesh, normals), lights, **look)
 
 
-def irradiance_at(
+def irradiance_at(sites: Sites, lights: Sequence[Light], **look: Any) -> Float[Tensor, "P 3"]:
+    """Irradiance that enters the surface [W/m²]: Σ L cos F_t(cos, eta) V, the sum of `irradiance_apart`.
+
+    `look`: the options of that. Differentiable and raises as that.
+    """
+    (total,) = _lit(sites, lights, apart=False, **look)
+    return total
+
+
+def irradiance_apart(sites: Sites, lights: Sequence[Light], **look: Any) -> list[Float[Tensor, "P 3"]]:
+    """Irradiance that enters the surface [W/m²] of lights as `grouped`: the first together, all others alone.
+
+    Added up one after the other they are `irradiance_at`, to the last bit. `eta`: inside / outside, 1 unless
+    given. `occluder` casts the shadows; without one there are none. Lights that are not points are sampled
+    `environment_samples` or `area_samples` times, in an order of their own at every site; the same
+    `seed` gives the same numbers. Of environments, each site traces only every `sharing`-th sample and
+    takes the share of light that is not hidden from its `sharing` nearest neighbours, too (a blur of
+    a few texels; 1 traces all). `by_angle` weighs light by its direction, but that of
+    environments, which comes from everywhere. Differentiable in lights and sites, not in visibility,
+    nor in an environment's image.
+    Raises DomainError: when a number of samples is below 1. Raises Cancelled.
+    """
+    return _lit(sites, lights, apart=True, **look)
+
+
+def grouped(lights: Sequence[Light]) -> tuple[list[Light], list[Light], list[Environment]]:
+    """Lights without extent, those that have one, and surroundings in parts of about one brightness each."""
+    nearby = [light for light in lights if not isinstance(light, Environment)]
+    return (
+        [light for light in nearby if light.is_delta],
+        [light for light in nearby if not light.is_delta],
+        [part for light in lights if isinstance(light, Environment) for part in light.parts],
+    )
+
+
+def _lit(
     sites: Sites,
     lights: Sequence[Light],
     *,
+    apart: bool,
     eta: float = 1.0,
     occluder: Occluder | None = None,
     environment_samples: int = 64,
@@ -70,54 +106,48 @@ def irradiance_at(
     by_angle: Weighing | None = None,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
-) -> Float[Tensor, "P 3"]:
-    """Irradiance that enters the surface [W/m²]: Σ L cos F_t(cos, eta) V.
-
-    `occluder` casts the shadows; without one there are none. Lights that are not points are sampled
-    `environment_samples` or `area_samples` times, in an order of their own at every site; the same
-    seed gives the same numbers. Of environments, each site traces only every `sharing`-th sample and
-    takes the share of light that is not hidden from its `sharing` nearest neighbours, too (a blur of
-    a few texels; 1 traces all). `by_angle` weighs light by its direction, but that of
-    environments, which comes from everywhere. Differentiable in lights and sites, not in visibility,
-    nor in an environment's image.
-    Raises DomainError: when a number of samples is below 1. Raises Cancelled.
-    """
+) -> list[Float[Tensor, "P 3"]]:
+    """What `irradiance_apart` says, or its sum alone."""
     if min(environment_samples, area_samples, sharing) < 1:
         raise DomainError(
             f"irradiance: expected at least 1 of environment_samples, area_samples and sharing, got "
             f"{environment_samples}, {area_samples} and {sharing}."
         )
-    surroundings = [part for light in lights if isinstance(light, Environment) for part in light.parts]
-    nearby = [light for light in lights if not isinstance(light, Environment)]
+    points, areas, surroundings = grouped(lights)
     rows, ended = chunks(len(sites), RAYS), []
 
-    def lit(row: slice) -> Float[Tensor, "rows 3"]:
+    def lit(row: slice) -> list[Float[Tensor, "rows 3"]]:
         site = sites[row]
-        total = torch.zeros_like(site.position)
+        each = [torch.zeros_like(site.position)]
         own = None if by_angle is None else by_angle.of(row.start)
         generator = torch.Generator().manual_seed(seed + row.start)
-        for number, light in enumerate(nearby):
-            if light.is_delta:
-                squares = [total.new_zeros(len(total), 2)]
-            else:
-                squares = _squares(area_samples, len(total), seed + number, generator)
-            total = total + _sampled(light, site, eta, occluder, squares, own, cancel)
+        middle = [site.position.new_zeros(len(site), 2)]
+        for light in points:
+            each[0] = each[0] + _sampled(light, site, eta, occluder, middle, own, cancel)
+        for number, light in enumerate(areas):
+            squares = _squares(area_samples, len(each[0]), seed + number, generator)
+            found = _sampled(light, site, eta, occluder, squares, own, cancel)
+            each = [*each, found] if apart else [each[0] + found]
         ended.append(row)
         if progress is not None and not surroundings:
             progress("light", len(ended) / len(rows))
-        return total
+        return each
 
-    wanted = sites.position.requires_grad or sites.normal.requires_grad or graded(nearby)
+    wanted = sites.position.requires_grad or sites.normal.requires_grad or graded([*points, *areas])
     parts = in_threads(lit, rows, cancel, graded=wanted)
-    total = torch.cat(parts) if parts else torch.zeros_like(sites.position)
+    if parts:
+        each = [torch.cat(found) for found in zip(*parts, strict=True)]
+    else:
+        each = [torch.zeros_like(sites.position) for _ in range(1 + apart * len(areas))]
     if surroundings:
         shares = open_shares(
             sites, surroundings, eta=eta, occluder=occluder, samples=environment_samples,
             sharing=sharing, seed=seed, progress=progress, cancel=cancel,
         )  # fmt: skip
         for light, share in zip(surroundings, shares, strict=True):
-            total = total + light.unoccluded(eta)(sites.normal) * share
-    return total
+            found = light.unoccluded(eta)(sites.normal) * share
+            each = [*each, found] if apart else [each[0] + found]
+    return each
 
 
 def _sampled(

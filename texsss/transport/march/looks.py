@@ -7,12 +7,13 @@ from dataclasses import replace
 import torch
 from torch.quasirandom import SobolEngine
 
-from texsss.light.emitters import ConstantEnvironment, Light, LightSamples, basis, like
+from texsss.light.emitters import Environment, Light, LightSamples, basis
 from texsss.media import fresnel
 from texsss.numerics.quadrature import gauss_legendre
 from texsss.transport.march.setup import Sites, dot
 from texsss.types import Float, Tensor
 
+SPOTS = (True,)  # kinds of looks that surroundings take which are spots alone
 FEWEST = 4  # directions up and around: fewer see how a sky scatters too roughly
 
 
@@ -29,12 +30,14 @@ def scaled_to(
 ) -> list[LightSamples]:
     """Looks at a light whose mean enters as `entered` says [W/m²], none from below the horizon.
 
-    All points look at the same places of the light's square, `count` of them; an even sky is seen from the
-    nodes of a quadrature, of which there are about as many, but never fewer than 16.
+    All points look at the same places of the light's square, `count` of them, or half as many where those
+    are the spots of surroundings alone; other surroundings are seen from the nodes of a quadrature, of which
+    there are about as many, but never fewer than 16.
     """
-    if isinstance(light, ConstantEnvironment):
+    if isinstance(light, Environment) and light.looks != SPOTS:
         looks = _all_around(light, count, sites)
     else:
+        count = -(-count // 2) if isinstance(light, Environment) else count
         looks = [
             light.sample(sites.position, sites.normal, square.to(sites.position))
             for square in _squares(light, count, len(sites.position))
@@ -51,8 +54,8 @@ def scaled_to(
     return [replace(seen, irradiance=seen.irradiance * scale) for seen in lit]
 
 
-def _all_around(sky: ConstantEnvironment, count: int, sites: Sites) -> list[LightSamples]:
-    """Looks at an even sky: Gauss-Legendre in the cosine, evenly spaced around, odd rows half a step on.
+def _all_around(sky: Environment, count: int, sites: Sites) -> list[LightSamples]:
+    """Looks at surroundings: Gauss-Legendre in the cosine, evenly spaced around, odd rows half a step on.
 
     What leaves is smooth in both, but most where the cosine is small, where samples by the cosine are few.
     """
@@ -61,15 +64,15 @@ def _all_around(sky: ConstantEnvironment, count: int, sites: Sites) -> list[Ligh
     cosines, weights = gauss_legendre(rows)
     tangent, bitangent = basis(sites.normal)
     distance = sites.position.new_full(sites.position.shape[:1], math.inf)
-    radiance = like(sky.radiance, sites.position)
     looks = []
     for row, (cosine, weight) in enumerate(zip(cosines.tolist(), weights.tolist(), strict=True)):
         sine = math.sqrt(1 - cosine * cosine)
-        worth = (radiance * (2 * math.pi * rows * weight)).expand_as(sites.position)
+        worth = 2 * math.pi * rows * weight
         for column in range(columns):
             angle = 2 * math.pi * (column + row % 2 / 2) / columns
             flat = math.cos(angle) * tangent + math.sin(angle) * bitangent
-            looks.append(LightSamples(sine * flat + cosine * sites.normal, distance, worth))
+            direction = sine * flat + cosine * sites.normal
+            looks.append(LightSamples(direction, distance, worth * sky.radiance_from(direction)))
     return looks
 
 

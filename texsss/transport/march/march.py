@@ -124,9 +124,9 @@ class March:
         beyond it, however deep the last layer is. `normals` (P, 3): shading normals, bumps included, in
         place of the mesh's; they are to face the eye.
         `entered`: what enters here of each light, shadows included [W/m²], where it is known. Such a light is
-        asked for its directions alone, at the same places of its square for all points (an even sky: at nodes
-        of a quadrature about the normal, 16 at least), and no shadow rays are cast: what the march makes of
-        it unshadowed is scaled to what entered, which leaves no grain.
+        asked for its directions alone, at the same places of its square for all points (surroundings but
+        for their spots: at nodes of a quadrature about the normal, 16 at least), and no shadow rays are cast:
+        what the march makes of it unshadowed is scaled to what entered, which leaves no grain.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
         Raises ShapeError, DomainError: when the view or what entered does not fit. Raises Cancelled.
