@@ -229,8 +229,8 @@ normal, T normal, R diffuse, T diffuse, unscattered light included, of `{default
 {forward_table(default)}
 
 By similarity alone R is 78 % too high to 28 % too low there, and T up to 29 % too high. Two cosines per
-hemisphere know the first few scatterings only so well: what is left is at most 15 % of R at normal incidence,
-where a tenth of the light comes back, and 9 % under diffuse light.
+hemisphere know the first few scatterings only so well: what is left is at most 13 % of R at normal incidence,
+where a tenth of the light comes back, and 11 % under diffuse light.
 
 ## `{default}`, stack by stack
 

@@ -204,7 +204,7 @@ def test_clear_films_keep_light_where_it_is():
 def test_thin_slabs_that_scatter_forwards_meet_adding_doubling(eta, depth):
     """R and T of g = .8, normal and diffuse, unscattered light included; by reduced mean free paths.
 
-    Measured 14 % of R at normal incidence, 8 % of R under diffuse light, 3 % of T; 78, 28 and 18 % by
+    Measured 13 % of R at normal incidence, 9.1 % of R under diffuse light, 3 % of T; 78, 28 and 18 % by
     similarity alone. With three layers of one medium it is the same.
     """
     layers = [Row(0.02 * depth, 0.98 * depth / 0.2, 1.0, g=0.8, eta=eta)]
@@ -225,11 +225,11 @@ def test_thin_slabs_that_scatter_forwards_meet_adding_doubling(eta, depth):
 @pytest.mark.parametrize("g", [-0.5, 0.5, 0.9])
 @pytest.mark.parametrize("incidence", ["normal", "diffuse"])
 def test_forward_scattering_loses_nothing(eta, g, incidence):
-    """All light comes out of two layers that absorb nothing; all but .0042 under diffuse light."""
+    """All light comes out of two layers that absorb nothing; all but 4e-5 under diffuse light."""
     layers = [Row(0.0, 2.0, 0.1, g=g, eta=eta), Row(0.0, 5.0, 0.4, g=0.3, eta=eta)]
     R, T = hankel_profiles(stack_of(layers), S[:1], incidence=incidence)
     assert abs(float(R + T) + sum(ballistic(layers, incidence)) - 1) < (
-        1e-6 if incidence == "normal" else 0.005
+        1e-6 if incidence == "normal" else 2e-4
     )
 
 

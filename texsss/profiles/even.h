@@ -24,7 +24,7 @@ struct Even {
     return alike && !endless;
   }
 
-  void prepare(const Layers& layers, const Lights& lights, const Direction* directions, const std::vector<Exit>& out) {
+  void prepare(const Layers& layers, const std::vector<Direction>& finer, const std::vector<Exit>& out) {
     const double eta = layers[0].index.eta, mirrored = std::sqrt(1 - 1 / (eta * eta));
     exits = &out;
     V tau = {}, scattered = {};
@@ -36,7 +36,7 @@ struct Even {
     albedo = scattered * inverse(tau), sigma = tau * inverse(d), squared = sigma * sigma;
     V x = tau * float((1 - mirrored) / (REACH * mirrored));
     Decayed fade = decayed(lesser(x * root(x), all(FAR)));
-    rest = fade.gone, strength = extinguished(lights, false, directions) * albedo * albedo * fade.left;
+    rest = fade.gone, strength = extinguished(layers, false, finer) * albedo * albedo * fade.left;
   }
 
   V at(float s) const {

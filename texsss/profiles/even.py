@@ -17,9 +17,8 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
-from texsss.profiles.modes import THIN
 from texsss.profiles.single import LEAST, exits
-from texsss.profiles.slab import FAR, added, extinguished
+from texsss.profiles.slab import FAR, THIN, added, extinguished
 from texsss.types import Tensor
 
 # Optical depth up to which this is better than two modes, per share mirrored totally over share let out:

@@ -13,7 +13,8 @@ struct FourStreams {
   Lights lights, falling;
 
   // Of all light that leaves by one side at s = 0: in truth less when reduced, as `layers` are
-  V lacking(const Layers& layers, bool endless, bool below, const Direction* directions, const Streams& k) {
+  V lacking(const Layers& layers, bool endless, bool below, const Direction* directions, const std::vector<Direction>& finer,
+            const Streams& k) {
     V total = {};
     for (int reduced = 0; reduced < 2; reduced++) {
       media = layers;
@@ -24,19 +25,18 @@ struct FourStreams {
         else
           layer.sigma_s += more, layer.sigma += more;
       }
-      light_in(media, endless, directions, lights);
+      light_in(media, endless, directions, lights, finer);
       if (below) turned(media, lights, seen, falling);
       V light = below ? scattered(seen, falling, endless, k) : scattered(media, lights, endless, k);
       total += reduced ? -light : light;
     }
-    return endless ? total : total + unscattered(layers, below, directions);
+    return endless ? total : total + unscattered(layers, below, finer);
   }
 
   // What leaves by this side unscattered in the one less what does in the other, as a product
-  V unscattered(const Layers& layers, bool below, const Direction* directions) const {
+  V unscattered(const Layers& layers, bool below, const std::vector<Direction>& finer) const {
     V total = {};
-    for (int j = 0; j < BEAMS; j++) {
-      const Direction& from = directions[j];
+    for (const Direction& from : finer) {
       const float q = from.top * from.bottom;
       V tau = {}, more = {};
       for (size_t i = 0; i < layers.size(); i++) {

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from texsss.media import fresnel
+from texsss.profiles.incidence import finer
 from texsss.profiles.modes import LEAST, crossing, lit, ray_of, received, sheet_of
 from texsss.profiles.slab import FAR, TINY, from_side, light_in, mirrors, refracted
 
@@ -138,7 +139,7 @@ def _unscattered(peaked, layers, directions, side):
     total = torch.zeros_like(layers[0].sigma)
     if layers[-1].d is None:
         return total
-    for cosine, share in directions:
+    for cosine, share in finer(directions, [layer.eta for layer in layers]):
         top, bottom = mirrors([layer.eta for layer in layers], cosine)
         tau = more = 0.0
         for layer, other in zip(layers, peaked):

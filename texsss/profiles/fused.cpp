@@ -13,7 +13,7 @@ constexpr int TOGETHER = 2;  // frequencies, or terms, side by side
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
 struct Header {
-  int32_t sp3, layers, channels, endless, below, once, twice, deflected, marched, exits, sets, terms, frequencies;
+  int32_t sp3, layers, channels, endless, below, once, twice, deflected, marched, finer, exits, sets, terms, frequencies;
 };
 
 struct Asked {
@@ -21,6 +21,7 @@ struct Asked {
   std::vector<double> etas;
   const double* outlets;  // admittances of a face of every layer
   Direction directions[BEAMS], level[BEAMS];
+  std::vector<Direction> finer;
   std::vector<Exit> exits[2], straight;  // as seen from above, and from below
   const Parameters* sets[2];
   const Streams* streams;
@@ -34,11 +35,14 @@ struct Asked {
     const double* given = next(h.layers);
     etas.assign(given, given + h.layers);
     outlets = next(h.layers);
-    for (Direction& direction : directions) {
+    auto read = [&](Direction& direction) {
       const double* from = next(4);
       direction.share = float(from[1]), direction.top = float(from[2]), direction.bottom = float(from[3]);
       for (double eta : etas) direction.cosines.push_back(float(refracted(from[0], etas[0], eta)));
-    }
+    };
+    for (Direction& direction : directions) read(direction);
+    finer.resize(h.finer);
+    for (Direction& direction : finer) read(direction);
     // for the march all is of one index, and nothing mirrors
     const std::vector<double> outer(h.layers, etas[0]);
     for (int j = 0; j < BEAMS; j++)
@@ -76,7 +80,7 @@ struct Solver {
 
   // Of `layers`, which are given; their g still tells of the true coefficients
   void prepare() {
-    light_in(layers, endless, asked.directions, lights);
+    light_in(layers, endless, asked.directions, lights, asked.finer);
     if (h.below) turned(layers, lights, below, beneath);
     const Layers& seen = h.below ? below : layers;
     const Lights& falling = h.below ? beneath : lights;
@@ -94,11 +98,11 @@ struct Solver {
     }
     if (!h.twice) return;
     for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
-    if (mirroring) even.prepare(layers, lights, asked.directions, asked.exits[0]);
+    if (mirroring) even.prepare(layers, asked.finer, asked.exits[0]);
     factor = furnace();
     if (!h.deflected) return;
     V more = factor * scattered_more(sweeps, even, 0), once = reduced.at(0);
-    V handed = four.lacking(layers, endless, h.below, asked.directions, *asked.streams);
+    V handed = four.lacking(layers, endless, h.below, asked.directions, asked.finer, *asked.streams);
     if (h.below)
       passed = positive(1 + handed / (more + once + FEW));
     else
@@ -109,7 +113,7 @@ struct Solver {
     unreduced = layers;
     for (Layer& layer : unreduced)
       layer = layer_of(layer.sigma_a, layer.sigma_s / (1 - layer.g), layer.g, layer.d, layer.index);
-    light_in(unreduced, endless, asked.directions, unreduced_lights);
+    light_in(unreduced, endless, asked.directions, unreduced_lights, asked.finer);
     if (h.below) {
       const Layers from = unreduced;
       const Lights light = unreduced_lights;
@@ -126,7 +130,7 @@ struct Solver {
 
   // What multiple scattering lacks for the same stack without absorption to return all light
   V furnace() {
-    V lacking = extinguished(lights, endless, asked.directions), have = {};
+    V lacking = extinguished(layers, endless, asked.finer), have = {};
     for (int side = 0; side < (endless ? 1 : 2); side++) {
       if (side) {
         turned(layers, lights, pale, shining);
@@ -138,12 +142,12 @@ struct Solver {
         layer.sigma_a = V{}, layer.sigma_s = layer.sigma;
         for (int j = 0; j < BEAMS; j++) {
           Light& light = shining[k * BEAMS + j];
-          light.source = layer.sigma * (light.share / light.cosine);
+          light.source = layer.sigma * light.share * (1 / light.cosine);
         }
       }
       lacking -= white.all_of(pale, shining, endless, asked.exits[side]);
       for (int i = 0; i < h.sets; i++) others[i].prepare(pale, shining, endless, asked.sets[side][i]);
-      if (mirroring && !side) pale_even.prepare(pale, shining, asked.directions, asked.exits[0]);
+      if (mirroring && !side) pale_even.prepare(pale, asked.finer, asked.exits[0]);
       have += scattered_more(others, pale_even, 0);
     }
     return greater(lesser((lacking + FEW) * inverse(have + FEW), all(2)), all(0.5f));

@@ -8,7 +8,7 @@ import torch
 from texsss.media.stack import LayerTable
 from texsss.numerics.native import check_memory, library
 from texsss.profiles.four_streams import moments
-from texsss.profiles.incidence import Incidence, incidence_directions, mean_direction
+from texsss.profiles.incidence import Incidence, finer, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
 from texsss.profiles.layered_sp3 import parameters, unreduced
 from texsss.profiles.single import exits
@@ -49,7 +49,8 @@ class Fused:
         self._weigh = found.weigh
         self._weigh.restype = ctypes.c_bool
         numbers = [*etas, *map(admittance, etas)]
-        for cosine, share in directions:
+        fine = finer(directions, etas)
+        for cosine, share in (*directions, *fine):
             numbers += [cosine, share, *mirrors(etas, cosine)]
         leaving, sets = (), ()
         for near, far in ((etas[0], etas[-1]), (etas[-1], etas[0])) if two else ():
@@ -64,7 +65,7 @@ class Fused:
             numbers += moments(etas, below)
         header = [two, len(etas), table.channels, table.bottomless, below, scattering != "multiple"]
         header += [scattering != "single", deflected]
-        header += [scattering == "unmarched" and not below, len(leaving), len(sets), *matrix.shape]
+        header += [scattering == "unmarched" and not below, len(fine), len(leaving), len(sets), *matrix.shape]
         self._header = (ctypes.c_int32 * len(header))(*map(int, header))
         self._numbers = (ctypes.c_double * len(numbers))(*numbers)
         fields = table.fields  # as they lie in memory, expanded channels among them

@@ -29,28 +29,51 @@ struct Direction {
 };
 
 struct Light {
-  V sigma, tau, source, beam, down, up;
-  float cosine, share;
+  V sigma, tau, source, beam, down, up, share;
+  float cosine;
 };
 typedef std::vector<Light> Lights;  // layer by layer, direction by direction
 
 static inline V root(V x) { return x * inverse_root(x); }
 static inline V faded(V x) { return decay(lesser(x, all(FAR))); }
 
-// The collimated light in every layer
-static void light_in(const Layers& layers, bool endless, const Direction* directions, Lights& lights) {
+// Share of the light that does not leave unscattered by either face
+static V lost(const Layers& layers, const Direction* directions, size_t count) {
+  V total = {};
+  for (size_t j = 0; j < count; j++) {
+    const Direction& from = directions[j];
+    V tau = {};
+    for (size_t k = 0; k < layers.size(); k++) tau += layers[k].sigma * layers[k].d * (1 / from.cosines[k]);
+    Decayed e = decayed(lesser(tau, all(FAR)));
+    V gain = inverse(1 - from.top * from.bottom * e.left * e.left);
+    total += from.share * gain * e.gone * (1 + from.bottom * e.left);
+  }
+  return total;
+}
+static V extinguished(const Layers& layers, bool endless, const std::vector<Direction>& finer) {
+  return endless ? all(1) : lost(layers, finer.data(), finer.size());
+}
+
+// The collimated light in every layer; `finer` directions of the same tell how much slabs take of it
+static void light_in(const Layers& layers, bool endless, const Direction* directions, Lights& lights,
+                     const std::vector<Direction>& finer = {}) {
   const int L = int(layers.size()), last = L - 1;
   lights.resize(size_t(L) * BEAMS);
+  V more = all(1);
+  if (!endless && finer.size() > BEAMS) {
+    V found = lost(layers, directions, BEAMS);
+    more = (extinguished(layers, false, finer) + 1e-15f) * inverse(found + 1e-15f);
+  }
   for (int j = 0; j < BEAMS; j++) {
     const Direction& from = directions[j];
     V above = {}, below = {};
     for (int k = 0; k < L; k++) {
       const Layer& layer = layers[k];
       Light& light = lights[k * BEAMS + j];
-      light.cosine = from.cosines[k], light.share = from.share;
+      light.cosine = from.cosines[k], light.share = from.share * more;
       const float slant = 1 / light.cosine;
       light.sigma = layer.sigma * slant;
-      light.source = layer.sigma_s * (from.share * slant);
+      light.source = layer.sigma_s * light.share * slant;
       light.down = faded(above), light.up = V{};
       light.tau = light.beam = V{};
       if (endless && k == last) continue;
@@ -67,21 +90,6 @@ static void light_in(const Layers& layers, bool endless, const Direction* direct
       light.down *= gain;
     }
   }
-}
-
-// Share of the light that does not leave unscattered by either face
-static V extinguished(const Lights& lights, bool endless, const Direction* directions) {
-  if (endless) return all(1);
-  V total = {};
-  for (int j = 0; j < BEAMS; j++) {
-    const Direction& from = directions[j];
-    V tau = {};
-    for (size_t k = j; k < lights.size(); k += BEAMS) tau += lights[k].tau;
-    Decayed e = decayed(lesser(tau, all(FAR)));
-    V gain = inverse(1 - from.top * from.bottom * e.left * e.left);
-    total += from.share * gain * e.gone * (1 + from.bottom * e.left);
-  }
-  return total;
 }
 
 // The same stack seen from below

@@ -21,11 +21,10 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
-from texsss.profiles.slab import FAR
+from texsss.profiles.slab import FAR, THIN
 from texsss.types import Tensor
 
 LEAST = 1e-30  # m²
-THIN = 1e-15  # [mm] that every layer is thicker, so that an absent one has an admittance
 
 
 class Ray(NamedTuple):

@@ -233,7 +233,7 @@ struct White {
       V escape = layer.sigma * way->slant, m = escape * layer.d, passed = endless ? V{} : faded(m);
       for (int j = 0; j < BEAMS; j++) {
         const Light& light = lights[k * BEAMS + j];
-        V source = layer.sigma * (light.share / light.cosine * way->part);
+        V source = layer.sigma * (light.share * (way->part / light.cosine));
         V a = light.sigma + escape;
         Decayed fade = {V{}, all(1)};
         if (!endless || k < L - 1) fade = decayed(lesser(a * layer.d, all(FAR)));

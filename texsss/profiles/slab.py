@@ -11,11 +11,13 @@ import torch
 
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
+from texsss.profiles.incidence import finer
 from texsss.types import Tensor
 
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
 FAR = 40.0  # e^-x beyond is nothing: products of what is left are no denormal numbers
 DEEP = 1e5  # optical depth from which layers are equal: in white ones 1e-5 of the light comes through
+THIN = 1e-15  # [mm] that every layer is thicker, so that an absent one has an admittance
 TINY = 1e-24  # keeps the derivative of √ finite where nothing is absorbed and s = 0
 
 Directions = Sequence[tuple[float, float]]
@@ -37,7 +39,7 @@ class Light(NamedTuple):
     """Collimated light in one layer: e^(-σz) from above, and what its bottom mirrors back up."""
 
     cosine: float  # to the normal, inside this layer
-    share: float  # of the light that comes from this direction
+    share: Tensor | float  # of the light that comes from this direction
     sigma: Tensor  # extinction per depth
     source: Tensor  # scattering per depth, times the share of this direction
     beam: Tensor | None  # e^(-σd) through this layer; None through a half-space
@@ -81,9 +83,13 @@ def light_in(layers, directions, mirrored=True):
     """The collimated light in every layer, by direction, per unit that entered in all of them.
 
     It refracts where the index changes. A free bottom mirrors it, unless told, and the top again, as long as
-    it lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out.
+    it lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out. A few directions lose as
+    much between mirrors as many do, of which the grazing ones are mirrored again and again.
     """
-    each = [_light_from(layers, cosine, share, mirrored) for cosine, share in directions]
+    more = 1.0
+    if mirrored and layers[-1].d is not None and len(directions) > 1:
+        more = (extinguished(layers, directions) + THIN) / (_lost(layers, directions) + THIN)
+    each = [_light_from(layers, cosine, share * more, mirrored) for cosine, share in directions]
     return [list(lights) for lights in zip(*each, strict=True)]
 
 
@@ -140,6 +146,11 @@ def extinguished(layers, directions):
     """
     if layers[-1].d is None:
         return torch.ones_like(layers[0].sigma)
+    return _lost(layers, finer(directions, [layer.eta for layer in layers]))
+
+
+@no_type_check
+def _lost(layers, directions):
     shares = []
     for cosine, share in directions:
         top, bottom = mirrors([layer.eta for layer in layers], cosine)

@@ -13,8 +13,8 @@ from typing import NamedTuple, no_type_check
 import torch
 
 from texsss.profiles.films import let_out, spread_aside
-from texsss.profiles.modes import LEAST, THIN, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
-from texsss.profiles.slab import TINY, added
+from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
+from texsss.profiles.slab import THIN, TINY, added
 from texsss.types import Tensor
 
 # A face feels the extinction at depth z as e^-(3 σ + 8 s) z, so that a layer that vanishes is not felt.
