@@ -137,6 +137,24 @@ def test_light_of_every_extent_is_looked_for_once(ring, monkeypatch):
     assert torch.equal(auto.texel_exitance, none.texel_exitance)
 
 
+def test_another_phase_is_marched_anew_and_nothing_else_is_redone(baker, ring):
+    """Diffusion has Henyey and Greenstein's alone; and media that no layer names are nobody's."""
+
+    def baked(phase: str, spare: float):
+        medium = {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 2.0, "g": 0.6, "phase": phase}
+        media = {"jelly": medium, "spare": {"sigma_a_per_mm": spare, "sigma_s_per_mm": 1.0}}
+        made = baker.bake(
+            Scene.parse(ring | {"media": media, "material": "jelly", "methods": {"diffusion": "uv"}})
+        )
+        return made.picture, set(made.report["seconds"])
+
+    first, _ = baked("henyey-greenstein", 1.0)
+    other, redone = baked("schlick", 1.0)
+    assert redone == {"picture"} and not torch.equal(first, other)
+    same, redone = baked("schlick", 2.0)
+    assert not redone and torch.equal(same, other)
+
+
 def test_a_lamp_and_a_sky_are_marched_apart(baker, ring):
     """Each by what enters of itself: their sum is that of both alone, and so is what is left to diffusion."""
     single = lambda lights: baker.intermediate(Scene.parse(ring | {"lights": lights}), "single")  # noqa: E731

@@ -231,7 +231,7 @@ def test_poses_that_are_none_are_told(baker, scene, rest):
     with pytest.raises(ShapeError, match=r"vertices of shape \(V, 3\) \[mm\], got \(1152, 2\)"):
         Pose(rest[:, :2])
     with pytest.raises(DomainError, match="NaN or infinity in 1 of"):
-        Pose(torch.cat([rest[:-1], torch.full((1, 3), float("nan"))]))
+        baker.bake(scene, pose=Pose(torch.cat([rest[:-1], torch.full((1, 3), float("nan"))])))
     with pytest.raises(DomainError, match="numbers of 32 bits hold, got inf"):
         baker.bake(scene, pose=Pose(rest.double() * 1e60))
     with pytest.raises(DomainError, match="operators of rest or pose, got 'new'"):
@@ -250,14 +250,49 @@ def test_vertices_count_as_in_the_file_or_as_in_the_mesh():
     mesh, notes = read_mesh(SEAM.encode(), unit_mm=10, up="z", name="seam.obj")
     assert len(mesh.vertices) == 4 and notes.vertices_in_file == 7
     positions, triangles = read_positions(SEAM.encode(), unit_mm=10, up="z", name="seam.obj")
-    assert triangles == 2
+    assert triangles.tolist() == [[0, 2, 3], [4, 5, 6]]
     posed = Pose(torch.from_numpy(positions) + 1).of(mesh, notes.vertices_in_file)
     torch.testing.assert_close(posed.vertices, mesh.vertices + 1)
     assert Pose(mesh.vertices).of(mesh, 7).vertices is not None
     with Sandbox() as box:
         assert box.read_mesh(SEAM.encode(), unit_mm=10)[0].source_vertex.tolist() == [0, 2, 3, 6]
-        there, count = box.read_positions(SEAM.encode(), unit_mm=10, up="z", name="seam.obj")
-    assert count == 2 and (there == positions).all()
+        there, same = box.read_positions(SEAM.encode(), unit_mm=10, up="z", name="seam.obj")
+    assert (same == triangles).all() and (there == positions).all()
+
+
+def test_what_nothing_uses_may_be_anywhere():
+    """At rest a vertex without a face is dropped before it is looked at; so it is in a pose."""
+    lost = SEAM.replace("v 9 9 9", "v nan 9 9")
+    mesh, notes = read_mesh(lost.encode(), unit_mm=10, name="seam.obj")
+    positions, _ = read_positions(lost.encode(), unit_mm=10, name="seam.obj")
+    assert math.isnan(positions[1, 0])
+    assert torch.equal(Pose(torch.from_numpy(positions)).of(mesh, 7).vertices, mesh.vertices)
+    positions[2, 0] = math.nan
+    with pytest.raises(DomainError, match="NaN or infinity in 1 of 4; check"):
+        Pose(torch.from_numpy(positions)).of(mesh, notes.vertices_in_file)
+    with pytest.raises(AssetError, match="1 with NaN or infinity"):
+        read_positions(SEAM.replace("v 1 0 0", "v nan 0 0").encode(), unit_mm=10, name="seam.obj")
+
+
+def test_a_file_that_joins_its_vertices_otherwise_is_another_mesh(baker, scene, small, rest, tmp_path):
+    """As many vertices and triangles do not make it the same; quads may be cut along either diagonal."""
+    lines = Path(small["mesh"]["source"]).read_text().splitlines()
+    places = [line for line in lines if line.startswith("v ")]
+    quads = [[int(c.split("/")[0]) for c in line.split()[1:]] for line in lines if line.startswith("f ")]
+    order = torch.randperm(len(rest), generator=torch.Generator().manual_seed(0)).tolist()
+
+    def exitance(name: str, faces: list[tuple[int, ...]]) -> torch.Tensor:
+        path = tmp_path / f"{name}.obj"
+        path.write_text("\n".join(places + [f"f {' '.join(map(str, face))}" for face in faces]))
+        data = scene.model_dump(mode="json")
+        data["mesh"]["pose"] = {"source": {"path": str(path)}}
+        return baker.bake(Scene.parse(data)).texel_exitance
+
+    one = exitance("one", [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    other = exitance("other", [t for a, b, c, d in quads for t in ((b, c, d), (b, d, a))])
+    assert torch.equal(one, other)
+    with pytest.raises(AssetError, match=r"the triangles of torus, got others in shuffled.obj, which share"):
+        exitance("shuffled", [tuple(order[i - 1] + 1 for i in quad) for quad in quads])
 
 
 def test_scenes_and_the_command_line_name_a_file(scene, rest, baker, small, bent_file, tmp_path, capfd):

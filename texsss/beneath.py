@@ -91,8 +91,10 @@ class Beneath(Hierarchy):
             image = photograph.value.expand(-1, -1, 3)
             if around is None:
                 return opacity_from_photograph(image)
-            charts = around.value
-            return charts.continued(opacity_from_photograph(charts.continued(image), blur=charts.smoothed))
+            go_on, blur = (
+                partial(way, cancel=self.cancel) for way in (around.value.continued, around.value.smoothed)
+            )
+            return go_on(opacity_from_photograph(go_on(image), blur=blur))
 
         return self.stage("beneath", make, photograph, around)
 

@@ -61,7 +61,9 @@ class Ground(Stages):
         if spec.pose is None:
             return None
         (mesh, notes), content = self.rest.value, resolve.digest(spec.pose.source, self.assets)
-        make = lambda: resolve.load_pose(spec, mesh, notes, self.assets, self.sandbox)  # noqa: E731
+        read = lambda: resolve.load_joined(spec, self.assets, self.sandbox)  # noqa: E731
+        joined = self.stage("mesh", read, self.rest, "joined")
+        make = lambda: resolve.load_pose(spec, mesh, notes, joined.value, self.assets, self.sandbox)  # noqa: E731
         vertices = self.stage("pose", make, self.rest, content)
         return replace(vertices, value=Pose(vertices.value, spec.pose.operators))
 
@@ -160,7 +162,9 @@ class Ground(Stages):
         image, around = self.image(name), self.beyond(name)
         if around is None:
             return image
-        return self.stage("maps", lambda: around.value.continued(image.value), image, around)
+        return self.stage(
+            "maps", lambda: around.value.continued(image.value, cancel=self.cancel), image, around
+        )
 
     def beyond(self, name: str) -> Kept | None:
         """What lies beside the charts of a map; None when the mesh has none."""

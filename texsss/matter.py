@@ -51,21 +51,23 @@ class Matter(Ground):
 
     @cached_property
     def stack(self) -> Kept:
-        """The layers; not kept itself, but named by everything in it."""
-        scene = self.scene
-        used = {name: self.image(name) for name in resolve.material_maps(scene)}
-        key = content_key("stack", scene.material.layers, scene.material.depths, scene.media, used)
-        return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
+        """The layers; not kept itself, but named by everything in it that light which diffuses knows."""
+        return self._stacked({name: self.image(name) for name in resolve.material_maps(self.scene)})
 
     @cached_property
     def marched_stack(self) -> Kept:
         """The layers as a march reads them: beside charts, where it looks from within them, maps go on."""
-        scene, names = self.scene, resolve.material_maps(self.scene)
-        if not names:
-            return self.stack
-        used = {name: self.continued(name) for name in names}
-        key = content_key("stack", scene.material.layers, scene.material.depths, scene.media, used)
-        return Kept(resolve.stack(scene, {name: image.value for name, image in used.items()}), key)
+        names = resolve.material_maps(self.scene)
+        return self._stacked({name: self.continued(name) for name in names}) if names else self.stack
+
+    def _stacked(self, used: dict[str, Kept]) -> Kept:
+        scene, names = self.scene, resolve.media_names(self.scene)
+        # a phase is the march's alone, and what no layer names is nobody's
+        plain = {"phase": "henyey-greenstein"}
+        media = {n: scene.media[n].model_copy(update=plain) for n in names if n in scene.media}
+        key = content_key("stack", scene.material.layers, scene.material.depths, media, used)
+        layers = resolve.stack(scene, {name: image.value for name, image in used.items()})
+        return Kept(layers, key, passing=any(image.passing for image in used.values()))
 
     @cached_property
     def ladder(self) -> Float[Tensor, " K"]:

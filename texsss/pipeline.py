@@ -245,8 +245,10 @@ class Run(Diffusing):
                 **self.hooks("picture"),
             )
 
-        how = self.marching, methods.march_samples, methods.march, self.grain
-        marched = None if once is None else (self.planes, how, self.known_to_enter)
+        marched = None
+        if once is not None:
+            how = self.marching, methods.march_samples, methods.march, self.grain, self.phase
+            marched = self.planes, how, self.known_to_enter
         lit = (
             self.mesh,
             image,

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from texsss.errors import AssetError, DomainError, ShapeError
@@ -29,7 +30,12 @@ from texsss.specs import (
     Source,
 )
 from texsss.surface.mesh import Mesh
-from texsss.types import Float, Tensor
+from texsss.surface.topology import edges
+from texsss.types import Float, Int, Tensor
+
+LEAST_JOINED = (
+    0.5  # of the edges of a pose's file that its mesh has, too: quads may be cut otherwise, 2 of 3 stay
+)
 
 Images = dict[str, Float[Tensor, "_ _ _"]]
 """Maps by their name in the scene, (H, W, C) of any size, linear."""
@@ -103,28 +109,51 @@ def load_mesh(
     return read(locate(spec.source, assets), unit_mm=spec.unit_mm, up=spec.up, v=spec.v)
 
 
+def load_joined(
+    spec: MeshSpec, assets: Assets | None = None, sandbox: Sandbox | None = None
+) -> Int[Tensor, " E"]:
+    """Pairs of vertices that the triangles of the mesh's file join, as it numbers them; see `_joined`."""
+    read = read_positions if sandbox is None else sandbox.read_positions
+    return _joined(*read(locate(spec.source, assets), unit_mm=1.0))
+
+
 def load_pose(
     spec: MeshSpec,
     mesh: Mesh,
     notes: MeshNotes,
+    joined: Int[Tensor, " E"],
     assets: Assets | None = None,
     sandbox: Sandbox | None = None,
 ) -> Float[Tensor, "V 3"]:
     """Where the vertices of the mesh's file stand in the scene's pose [mm].
 
-    Raises AssetError: when the pose's file is not of the same mesh.
+    `joined`: what that file joins, from `load_joined`. Raises AssetError: when the pose's file is not of the
+    same mesh.
     """
     assert spec.pose is not None
     path = locate(spec.pose.source, assets)
     read = read_positions if sandbox is None else sandbox.read_positions
-    positions, triangles = read(path, unit_mm=notes.unit_mm, up=spec.up)
+    positions, faces = read(path, unit_mm=notes.unit_mm, up=spec.up)
     wanted = notes.vertices_in_file, notes.faces + notes.faces_dropped
-    if (len(positions), triangles) != wanted:
+    if (len(positions), len(faces)) != wanted:
         raise AssetError(
             f"Pose: expected the {wanted[0]:,} vertices and {wanted[1]:,} triangles of {mesh.name}, got "
-            f"{len(positions):,} and {triangles:,} in {path.name}; export both alike, in one order."
+            f"{len(positions):,} and {len(faces):,} in {path.name}; export both alike, in one order."
+        )
+    pairs = _joined(positions, faces)
+    alike = int(torch.isin(pairs, joined).sum())
+    if alike < LEAST_JOINED * len(pairs):
+        raise AssetError(
+            f"Pose: expected the triangles of {mesh.name}, got others in {path.name}, which share "
+            f"{alike:,} of {len(pairs):,} edges with them; export both alike, in one order."
         )
     return torch.from_numpy(positions + notes.shift_mm)
+
+
+def _joined(positions: np.ndarray, faces: np.ndarray) -> Int[Tensor, " E"]:
+    """A number for each pair of vertices that an edge joins, in ascending order."""
+    both = edges(torch.from_numpy(np.asarray(faces, np.int64))).reshape(-1, 2)
+    return torch.unique(both.amin(-1) * len(positions) + both.amax(-1))
 
 
 def load_map(

@@ -215,6 +215,20 @@ def test_every_part_can_be_cancelled(last, monkeypatch):
         beyond(Onward(mesh, mesh.source_uv), (256, 256), count)
 
 
+@pytest.mark.parametrize(("way", "asked"), [("continued", ()), ("smoothed", (4.0,))])
+def test_maps_that_go_on_can_be_cancelled(way, asked, monkeypatch):
+    """Before every part of every time that texels beside charts are looked up."""
+    mesh, heard = cut(), []
+    around = beyond(Onward(mesh, mesh.source_uv), (256, 256))
+    monkeypatch.setattr(beyond_module, "CHUNK_TEXELS", 1 << 12)
+    image = torch.rand(256, 256, 1, generator=torch.Generator().manual_seed(0))
+    getattr(around, way)(image, *asked, cancel=lambda: heard.append(True))
+    parts = -(-len(around.texel) // (1 << 12))
+    assert parts > 1 and len(heard) == parts * {"continued": 2, "smoothed": 16}[way]
+    with pytest.raises(Cancelled):
+        getattr(around, way)(image, *asked, cancel=lambda: len(heard.append(True) or heard) % parts == 0)
+
+
 def test_a_square_without_area_has_nothing_around():
     """All corners on one centre: there is a texel on an edge, but no face owns any."""
     mesh = sheet(2)

@@ -135,14 +135,14 @@ def _mesh(options: dict, data: bytes) -> bytes:
 
 
 def _positions(options: dict, data: bytes) -> bytes:
-    positions, triangles = read_positions(
+    positions, faces = read_positions(
         data,
         unit_mm=options["unit_mm"],
         up=options["up"],
         file_type=options["file_type"],
         name=options["name"],
     )
-    return _packed({"positions": positions, "triangles": np.array(triangles)})
+    return _packed({"positions": positions, "faces": faces})
 
 
 def _packed(arrays: dict[str, np.ndarray]) -> bytes:

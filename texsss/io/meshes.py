@@ -16,7 +16,7 @@ from texsss.io._raw import Fault, RawMesh
 from texsss.io._stl import read_stl
 from texsss.io.probe import MeshFormat, mesh_format
 from texsss.surface.mesh import Mesh
-from texsss.types import Float
+from texsss.types import Float, Int
 
 Up = Literal["y", "z", "x", "-y", "-z", "-x"]
 VDirection = Literal["auto", "up", "down"]
@@ -117,17 +117,18 @@ def read_positions(
     up: Up = "y",
     file_type: str | None = None,
     name: str | None = None,
-) -> tuple[Float[np.ndarray, "V 3"], int]:
-    """Positions of all vertices of a mesh file [mm], y up, in its own order, and how many triangles it has.
+) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+    """Positions of all vertices of a mesh file [mm], y up, in its own order, and its triangles.
 
     Nothing merges and nothing is dropped, so that poses of one mesh keep their numbering. The rest as
-    `read_mesh`. Raises AssetError: when the file is missing, unreadable or no mesh, or not finite.
+    `read_mesh`. Raises AssetError: when the file is missing, unreadable or no mesh, or vertices that it uses
+    are not finite.
     """
     data, name = bytes_of(source, name)
     try:
         _, raw = _raw(data, file_type, name)
-        _check_finite(raw.vertices, None)
-        return _upright(raw.vertices, float(unit_mm), up), len(raw.faces)
+        _check_finite(raw.vertices[_compact(len(raw.vertices), raw.faces)[0]], None)
+        return _upright(raw.vertices, float(unit_mm), up), raw.faces
     except Fault as fault:
         raise fault.named(name) from None
 

@@ -16,7 +16,7 @@ import torch
 from texsss.errors import AssetError, LimitError, TooLarge
 from texsss.io.meshes import MeshNotes, Up, VDirection, bytes_of
 from texsss.surface.mesh import Mesh
-from texsss.types import Float
+from texsss.types import Float, Int
 
 START_S = 60.0  # for the server to import everything, once
 GRACE_S = 5.0  # for the answer to arrive after the child's own limit
@@ -83,8 +83,8 @@ class Sandbox:
         up: Up = "y",
         file_type: str | None = None,
         name: str | None = None,
-    ) -> tuple[Float[np.ndarray, "V 3"], int]:
-        """Positions of a mesh file's vertices as `texsss.io.meshes.read_positions` gives them.
+    ) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+        """Vertices and triangles of a mesh file as `texsss.io.meshes.read_positions` gives them.
 
         Raises AssetError: as there, and when the file needs more time or memory than allowed.
         """
@@ -92,7 +92,7 @@ class Sandbox:
         options = {"unit_mm": unit_mm, "up": up, "file_type": file_type, "name": name}
         answer = self._answer("positions", options, data)
         with np.load(io.BytesIO(answer), allow_pickle=False) as arrays:
-            return arrays["positions"], int(arrays["triangles"])
+            return arrays["positions"], arrays["faces"]
 
     def examine_image(self, data: bytes, *, name: str, max_pixels: int) -> tuple[int, int, int]:
         """Height, width and channels of an image, which was read whole by `texsss.io.images.read_image`.

@@ -30,24 +30,32 @@ class Beyond:
     texel: Int[Tensor, " G"]
     place: Float[Tensor, "G 2"]
 
-    def continued(self, image: Float[Tensor, "H W C"], times: int = 2) -> Float[Tensor, "H W C"]:
+    def continued(
+        self, image: Float[Tensor, "H W C"], times: int = 2, *, cancel: Cancel | None = None
+    ) -> Float[Tensor, "H W C"]:
         """The map with what lies across the seams beside its charts, as far as there is room.
 
         The second time what is looked up next to a seam is known on both of its sides. Differentiable.
+        Raises Cancelled.
         """
         flat = image.reshape(-1, image.shape[-1])
         least, most = flat.detach().aminmax(dim=0)  # rounding must not leave them
         for _ in range(times):
             now = flat.reshape(image.shape)
-            values = [
-                bilinear(now, self.place[part].to(image.dtype), "repeat").clamp(least, most)
-                for part in chunks(len(self.texel), CHUNK_TEXELS)
-            ]
+            values = []
+            for part in chunks(len(self.texel), CHUNK_TEXELS):
+                check_cancelled(cancel)
+                values.append(bilinear(now, self.place[part].to(image.dtype), "repeat").clamp(least, most))
             flat = flat.index_copy(0, self.texel, torch.cat(values)) if values else flat
         return flat.reshape(image.shape)
 
-    def smoothed(self, image: Float[Tensor, "H W C"], deviation: float) -> Float[Tensor, "H W C"]:
-        """The map blurred by a Gaussian [texels], in steps too narrow to see a chart but across a seam."""
+    def smoothed(
+        self, image: Float[Tensor, "H W C"], deviation: float, *, cancel: Cancel | None = None
+    ) -> Float[Tensor, "H W C"]:
+        """The map blurred by a Gaussian [texels], in steps too narrow to see a chart but across a seam.
+
+        Raises Cancelled.
+        """
         height, width, channels = image.shape
         steps = max(1, math.ceil((deviation / max(1.0, max(height, width) / FINE)) ** 2))
         step = deviation / steps**0.5
@@ -55,7 +63,7 @@ class Beyond:
         kernel = torch.exp(-((torch.arange(-reach, reach + 1).to(image) / step) ** 2) / 2)
         kernel = (kernel / kernel.sum()).expand(channels, 1, 1, -1)
         for _ in range(steps):
-            planes = self.continued(image, 1).permute(2, 0, 1)[None]
+            planes = self.continued(image, 1, cancel=cancel).permute(2, 0, 1)[None]
             planes = conv2d(pad(planes, (reach, reach, 0, 0), "circular"), kernel, groups=channels)
             planes = pad(planes, (0, 0, reach, reach), "circular")
             image = conv2d(planes, kernel.transpose(2, 3), groups=channels)[0].permute(1, 2, 0)

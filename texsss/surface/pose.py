@@ -21,7 +21,7 @@ class Pose:
     every vertex of its file, in the file's order, but always where the baked mesh is (one that lies far from
     the origin has been moved there). `operators`: whether what carries light over the surface stays that of
     the rest pose, or is made anew for this one.
-    Raises ShapeError or DomainError: when these are no finite positions, or `operators` is neither.
+    Raises ShapeError or DomainError: when these are no positions, or `operators` is neither.
     """
 
     vertices: Tensor  # its shape is the user's to get right
@@ -38,12 +38,6 @@ class Pose:
                 f"Pose: expected real vertices of shape (V, 3) [mm], got {tuple(self.vertices.shape)} of "
                 f"{self.vertices.dtype}; pass one position per vertex."
             )
-        wrong = int((~torch.isfinite(self.vertices.detach())).any(-1).sum())
-        if wrong:
-            raise DomainError(
-                f"Pose: expected finite vertices, got NaN or infinity in {wrong:,} of "
-                f"{len(self.vertices):,}; check what made them."
-            )
         if self.operators not in ("rest", "pose"):
             raise DomainError(f"Pose: expected operators of rest or pose, got {self.operators!r}.")
 
@@ -52,7 +46,7 @@ class Pose:
 
         Where vertices of the file have become one, the first of them says where that is.
         Differentiable in the vertices. Raises ShapeError: when they are of another mesh. DomainError: when
-        all lie in one point.
+        some that the mesh uses are not finite, or all lie in one point.
         """
         given, own = len(self.vertices), len(mesh.vertices)
         if given not in (own, in_file):
@@ -65,6 +59,12 @@ class Pose:
         rows = self.vertices
         if given != own and mesh.source_vertex is not None:
             rows = rows[mesh.source_vertex]
+        wrong = int((~torch.isfinite(rows.detach())).any(-1).sum())
+        if wrong:
+            raise DomainError(
+                f"Pose: expected finite vertices, got NaN or infinity in {wrong:,} of {len(rows):,}; check "
+                "what made them."
+            )
         rows = rows.to(mesh.vertices)
         extent = rows.detach().amax(0) - rows.detach().amin(0)
         if not 0 < float(extent.max()) < math.inf:
