@@ -176,7 +176,7 @@ class Marched(Figures):
             rows.append((title, note, self.whole(scene)))
         once = self.once(self.beneath([SKIN, VEINS, FLESH], HEAD))
         rows.append(
-            ("The same", "scattered once alone, four times as bright", tonemap(4 * once, name="aces"))
+            ("The head again", "scattered once alone, four times as bright", tonemap(4 * once, name="aces"))
         )
         self.write("papers-veins", [rows], 4)
 

@@ -10,13 +10,16 @@ from hypothesis import strategies as st
 from texsss.errors import Cancelled, DomainError, ShapeError
 from texsss.light.emitters import DirectionalLight, PointLight
 from texsss.light.visibility import Occluder
+from texsss.media.depths import check_images
 from texsss.media.medium import Medium
 from texsss.media.stack import Layer, Stack
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
+from texsss.transport.march.check import check_method, check_points, check_view
 from texsss.transport.march.interior import from_depths, from_stack
 from texsss.transport.march.march import March, march
 from texsss.transport.march.noise import Noise
+from texsss.transport.march.planes import Planes
 from texsss.types import unit
 
 MEDIUM = Medium([0.6, 0.5, 0.4], [2.0, 1.0, 1.0], 0.25)
@@ -63,6 +66,9 @@ def test_numbers_of_media_and_sizes_must_fit():
         from_depths([torch.zeros(4, 4, 4), torch.zeros(8, 8, 4)], [MEDIUM] * 8)
     with pytest.raises(ShapeError, match="none"):
         from_depths([], [MEDIUM])
+    for most in (-1.0, math.nan, [1.0, 2.0]):
+        with pytest.raises(DomainError, match=r"most_mm as one number >= 0 .* each of 4 channels"):
+            from_depths(torch.rand(4, 4, 4).cumsum(-1), [MEDIUM] * 4, most_mm=most)
     with pytest.raises(ShapeError, match="one thickness for all channels"):
         from_stack(Stack([Layer(MEDIUM, [0.1, 0.2, 0.3])]))
 
@@ -228,6 +234,13 @@ def test_names_and_shapes_are_checked():
     stack = Stack([Layer(MEDIUM)])
     with pytest.raises(ShapeError, match="view direction per point"):
         march(centre(2), square(), None, stack, SUN, torch.zeros(5, 3))
+    for length in (0.0, 5.0):
+        with pytest.raises(DomainError, match=f"got lengths from {length:g} to {length:g}; divide"):
+            march(centre(), square(), None, stack, SUN, length * seen_from(0, 1, 0))
+    with pytest.raises(ShapeError, match="a plane for each of 4 vertices, got 1;"):
+        march(centre(), square(), Planes(torch.ones(1, 3), torch.ones(1)), stack, SUN, seen_from(0, 1, 0))
+    with pytest.raises(ShapeError, match=r"texture coordinates \(2, 3, 2\), one per face corner of mesh"):
+        march(centre(), square(), None, stack, SUN, seen_from(0, 1, 0), uv=torch.rand(5, 3, 2))
     with pytest.raises(DomainError, match="finite eye"):
         march(centre(), square(), None, stack, SUN, torch.tensor([math.nan, 0, 0]))
     with pytest.raises(DomainError, match="per light"):
@@ -245,6 +258,28 @@ def test_names_and_shapes_are_checked():
         march(centre(), square(), None, stack, SUN, seen_from(0, 1, 0), cancel=lambda: True)
 
 
+def test_what_types_do_not_hold_up_is_told_in_a_sentence():
+    """Annotations are checked in tests alone: users meet these."""
+    with pytest.raises(ShapeError, match=r"position of one eye \(3,\) or .* got shape \(2,\)"):
+        check_view(1, torch.ones(2))
+    for samples in (2.5, "4", 10_001):
+        with pytest.raises(DomainError, match=f"1 to 10000 samples, got {samples!r}; 4 exact"):
+            check_method("exact", samples, "schlick", 1, 1)
+    for thickness, normals, name in ((torch.ones(3), None, "thickness"), (None, torch.ones(3, 3), "normals")):
+        with pytest.raises(ShapeError, match=f"expected {name} of shape"):
+            check_points(1, thickness, normals)
+    for thickness, normals, name in ((torch.ones(1), None, "thickness"), (None, torch.ones(1, 3), "normals")):
+        with pytest.raises(DomainError, match=f"expected numbers as {name}, got NaN"):
+            check_points(1, *(None if one is None else one * math.nan for one in (thickness, normals)))
+    for wrong, named in (
+        (torch.rand(4, 4), r"images \(H, W, channels\), got shape \(4, 4\)"),
+        (torch.zeros(0, 0, 4), r"got shape \(0, 0, 4\)"),
+        ([[0.5]], "images as tensors"),
+    ):
+        with pytest.raises((ShapeError, DomainError), match=named):
+            check_images([wrong])
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     sigma=st.lists(st.floats(0, 1e3), min_size=4, max_size=4),
@@ -257,8 +292,7 @@ def test_names_and_shapes_are_checked():
     phase=st.sampled_from(["henyey-greenstein", "schlick"]),
 )
 def test_never_nan_never_negative(sigma, g, thickness, eye, sun, eta, method, phase):
-    if max(map(abs, sun)) < 1e-3:
-        sun = (0.0, 1.0, 0.0)
+    sun, eye = (one if max(map(abs, one)) >= 1e-3 else (0.0, 1.0, 0.0) for one in (sun, eye))
     layers = [
         Layer(Medium(sigma[0], sigma[1], g, eta), thickness),
         Layer(Medium(sigma[2], sigma[3], -g, eta)),

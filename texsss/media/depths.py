@@ -1,6 +1,7 @@
 """Depth textures, in which four layers share the channels of one image, to stacks and back."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 
@@ -41,16 +42,7 @@ def stack_from_depths(
             f"Depth texture: expected a range 0 <= low <= high [mm], got {low:g}..{high:g}; "
             "say how deep black and white are, and use invert to exchange them."
         )
-    if not textures:
-        raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
-    for texture in textures:
-        expect("Depth texture", texture, Tensor, "images as tensors (H, W, channels)")
-        check_real(texture)
-        if texture.ndim != 3 or 0 in texture.shape:
-            raise ShapeError(
-                f"Depth texture: expected images (H, W, channels), got shape {tuple(texture.shape)}; "
-                "add an axis to a grey one: image[..., None]."
-            )
+    check_images(textures)
     for medium in media:
         expect("Depth texture", medium, Medium, "media, one per layer")
     sizes = {tuple(t.shape[:2]) for t in textures}
@@ -81,6 +73,20 @@ def stack_from_depths(
     thickness = torch.diff(depth, dim=-1, prepend=torch.zeros_like(depth[..., :1]))
     layers = [Layer(medium, thickness[..., i]) for i, medium in enumerate(media[:finite])]
     return Stack([*layers, Layer(media[-1])] if infinite else layers)
+
+
+def check_images(textures: Sequence[Any]) -> None:
+    """Raises ShapeError or DomainError: for what are no images, or none at all."""
+    if not textures:
+        raise ShapeError("Depth texture: expected at least one image, got none; a Stack needs no texture.")
+    for texture in textures:
+        expect("Depth texture", texture, Tensor, "images as tensors (H, W, channels)")
+        check_real(texture)
+        if texture.ndim != 3 or 0 in texture.shape:
+            raise ShapeError(
+                f"Depth texture: expected images (H, W, channels), got shape {tuple(texture.shape)}; "
+                "add an axis to a grey one: image[..., None]."
+            )
 
 
 def check_real(depth: Tensor) -> None:

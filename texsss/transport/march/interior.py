@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.media.depths import in_order
+from texsss.media.depths import check_images, in_order
 from texsss.media.medium import Medium
 from texsss.media.stack import FAR_MM, Stack
 from texsss.surface.mesh import Mesh
@@ -126,11 +126,11 @@ def from_depths(
     Source: François et al. 2006, section 2.1.
     """
     images = [textures] if isinstance(textures, Tensor) else list(textures)
+    check_images(images)
     sizes = sorted({tuple(t.shape[:2]) for t in images})
     if len(sizes) != 1:
         raise ShapeError(
-            f"Depth texture: expected one or more of one size, got {sizes or 'none'}; "
-            "resize them to the largest."
+            f"Depth texture: expected one or more of one size, got {sizes}; resize them to the largest."
         )
     raw = torch.cat(images, -1)
     channels = raw.shape[-1]
@@ -153,7 +153,13 @@ def from_depths(
         )
     depth = (1 - raw if invert else raw) * scale_mm
     if most_mm is not None:
-        depth = torch.minimum(depth, torch.as_tensor(most_mm, dtype=depth.dtype, device=depth.device))
+        most = torch.as_tensor(most_mm, dtype=depth.dtype, device=depth.device)
+        if most.shape not in ((), (channels,)) or not bool((most >= 0).all()):
+            raise DomainError(
+                f"Depth texture: expected most_mm as one number >= 0 [mm] or one for each of {channels} "
+                f"channels, got {most_mm}."
+            )
+        depth = torch.minimum(depth, most)
     depth = depth.clamp(max=FAR_MM)
     depth = in_order(depth, sort)
     eta = {m.eta for m in media}
@@ -180,11 +186,16 @@ def from_depths(
 def check_uv(mesh: Mesh, uv: Float[Tensor, "F 3 2"] | None, interior: Interior) -> Float[Tensor, "F 3 2"]:
     """Texture coordinates for the maps: the given ones, the mesh's own, or none needed.
 
-    In the dtype of the mesh. Raises DomainError: when there are maps but no coordinates, or coordinates are
-    not finite.
+    In the dtype of the mesh. Raises ShapeError: for those of another mesh. DomainError: when there are maps
+    but no coordinates, or coordinates are not finite.
     """
     found = mesh.source_uv if uv is None else uv
     if found is not None:
+        if found.shape != (len(mesh.faces), 3, 2):
+            raise ShapeError(
+                f"march: expected texture coordinates {(len(mesh.faces), 3, 2)}, one per face corner of "
+                f"{mesh.name}, got {tuple(found.shape)}."
+            )
         if not bool(torch.isfinite(found).all()):
             raise DomainError(
                 "march: expected finite texture coordinates, got NaN or infinity in uv; repair it."

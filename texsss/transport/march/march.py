@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from texsss.errors import DomainError, ShapeError
+from texsss.errors import ShapeError
 from texsss.light.emitters import Environment, Light, graded
 from texsss.light.sites import smooth_origin
 from texsss.light.visibility import Occluder
@@ -15,6 +15,7 @@ from texsss.media.stack import Stack
 from texsss.numerics.threads import in_threads
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
+from texsss.transport.march.check import check_entered, check_method, check_planes, check_points, check_view
 from texsss.transport.march.gatherer import Gatherer, Method, Phase
 from texsss.transport.march.interior import Interior, check_uv, from_stack
 from texsss.transport.march.looks import drawn, scaled_to
@@ -29,7 +30,6 @@ from texsss.transport.march.planes import (
 from texsss.transport.march.setup import Sites, Surface, dot, light_scalars, view_rays
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled, chunks, unit
 
-MOST_SAMPLES = 10_000
 CHUNK = 1 << 15  # points that a thread takes at a time
 TOGETHER = 8  # samples of lights that share one march
 
@@ -88,7 +88,7 @@ class March:
         environment_samples: int = 16,
         area_samples: int = 4,
     ):
-        _check(method, samples, phase, environment_samples, area_samples)
+        check_method(method, samples, phase, environment_samples, area_samples)
         interior = layers if isinstance(layers, Interior) else from_stack(layers)
         channels = interior.sigma_t.shape[-1]
         if channels not in (1, 3):
@@ -97,6 +97,7 @@ class March:
         self.interior = interior.to(mesh.vertices)
         self._how = method, samples, phase
         self._counts = environment_samples, area_samples
+        check_planes(mesh, planes)
         self._uv, self._planes = uv, planes
         self._surface: tuple[Surface, Tensor] | None = None
         self._gatherers: dict[bool, Gatherer] = {}
@@ -129,10 +130,12 @@ class March:
         what the march makes of it unshadowed is scaled to what entered, which leaves no grain.
         Rays bend at the surface by the outermost eta, after which the light's direction is the refracted
         one at the point. Differentiable, uncompiled, in depths, coefficients, lights and vertices.
-        Raises ShapeError, DomainError: when the view or what entered does not fit. Raises Cancelled.
+        Raises ShapeError, DomainError: when the view, thickness, normals or what entered do not fit. Raises
+        Cancelled.
         """
-        _check_view(points, view)
-        _check_entered(points, self.lights, entered)
+        check_view(len(points), view)
+        check_points(len(points), thickness, normals)
+        check_entered(len(points), len(self.lights), entered)
         mesh, home = self.mesh, self.mesh.vertices
         if len(points) == 0:
             return home.new_zeros(0, 3)
@@ -241,45 +244,3 @@ def planes_radius(interior: Interior) -> float:
 def fitted_planes(mesh: Mesh, radius_mm: float) -> Planes:
     """Planes through what lies within a radius; tangent planes where that is 0."""
     return fit_planes(mesh, radius_mm) if radius_mm > 0 else tangent_planes(mesh)
-
-
-def _check(method: str, samples: int, phase: str, environment_samples: int, area_samples: int) -> None:
-    """Raises DomainError for what cannot be marched."""
-    if method not in ("exact", "uniform"):
-        raise DomainError(f"march: expected method 'exact' or 'uniform', got {method!r}.")
-    if phase not in ("henyey-greenstein", "schlick"):
-        raise DomainError(f"march: expected phase 'henyey-greenstein' or 'schlick', got {phase!r}.")
-    if not 1 <= samples <= MOST_SAMPLES:
-        raise DomainError(
-            f"march: expected 1 to {MOST_SAMPLES} samples, got {samples}; 4 exact ones are plenty."
-        )
-    if min(environment_samples, area_samples) < 1:
-        raise DomainError(
-            f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}."
-        )
-
-
-def _check_view(points: Points, view: Tensor) -> None:
-    """Raises ShapeError or DomainError for views that do not fit the points."""
-    if view.ndim == 2 and view.shape[0] != len(points):
-        raise ShapeError(
-            f"march: expected a view direction per point, got {view.shape[0]} for {len(points)} points."
-        )
-    if not bool(torch.isfinite(view).all()):
-        raise DomainError("march: expected a finite eye or view directions, got NaN or infinity.")
-
-
-def _check_entered(points: Points, lights: Sequence[Light], entered: Sequence[Tensor | None] | None) -> None:
-    """Raises ShapeError for light that does not fit the points or the lights."""
-    if entered is None:
-        return
-    if len(entered) != len(lights):
-        raise ShapeError(
-            f"march: expected what entered of each of {len(lights)} lights, got {len(entered)}; give None "
-            "for those that are to be sampled."
-        )
-    for known in entered:
-        if known is not None and known.shape != (len(points), 3):
-            raise ShapeError(
-                f"march: expected what entered as {(len(points), 3)}, got shape {tuple(known.shape)}."
-            )
