@@ -15,7 +15,8 @@ static inline V angle_per_tangent(V x) {
 
 struct Even {
   const std::vector<Exit>* exits;
-  V rest, strength, albedo, sigma, squared, d;
+  V rest, strength, albedo, sigma, depth;
+  bool thin;  // some column: in others there is none of it
 
   // Whether there is any such light: two faces that mirror totally, and one index
   static bool holds(bool endless, const std::vector<double>& etas) {
@@ -27,28 +28,28 @@ struct Even {
   void prepare(const Layers& layers, const std::vector<Direction>& finer, const std::vector<Exit>& out) {
     const double eta = layers[0].index.eta, mirrored = std::sqrt(1 - 1 / (eta * eta));
     exits = &out;
-    V tau = {}, scattered = {};
-    d = V{};
+    V d = {}, scattered = {};
+    depth = V{};
     for (const Layer& layer : layers) {
-      V depth = layer.d + 1e-15f;
-      d += depth, tau += layer.sigma * depth, scattered += layer.sigma_s * depth;
+      V own = layer.d + 1e-15f;
+      d += own, depth += layer.sigma * own, scattered += layer.sigma_s * own;
     }
-    albedo = scattered * inverse(tau), sigma = tau * inverse(d), squared = sigma * sigma;
-    V x = tau * float((1 - mirrored) / (REACH * mirrored));
+    albedo = scattered * inverse(depth), sigma = depth * inverse(d);
+    V x = depth * float((1 - mirrored) / (REACH * mirrored));
     Decayed fade = decayed(lesser(x * root(x), all(FAR)));
     rest = fade.gone, strength = extinguished(layers, false, finer) * albedo * albedo * fade.left;
+    thin = some(fade.left > 1e-9f);
   }
 
   V at(float s) const {
     s = s > 1e-12f ? s : 1e-12f;
-    V again = angle_per_tangent(s * inverse(sigma)), out = {};
+    V x = s * inverse(sigma), again = angle_per_tangent(x), out = {};
     for (const Exit& exit : *exits) {
       const Way& way = exit.near[0];
-      V per = inverse_root(squared + s * s * (1 - way.cosine * way.cosine));
-      V m = (squared + s * s * (1 - way.cosine * way.cosine)) * per * d * way.slant;
+      V squared = 1 + x * x * (1 - way.cosine * way.cosine), per = inverse_root(squared), m = squared * per * depth * way.slant;
       V less = decayed(lesser(m, all(FAR))).gone;
       V leaves = less * (2 * exit.weight) * inverse(m * (1 - exit.mirrored + exit.mirrored * less));
-      again -= leaves * sigma * per, out += leaves;
+      again -= leaves * per, out += leaves;
     }
     return strength * again * (out * 0.5f) * inverse(greater(1 - albedo * again, all(LEFT)));
   }

@@ -34,8 +34,7 @@ class Even(NamedTuple):
     strength: Tensor  # what the beam lost, times albedo² and the other share
     albedo: Tensor
     sigma: Tensor
-    squared: Tensor  # σ²
-    ways: tuple[tuple[Tensor, float, float, float], ...]  # d / μ, 1 - μ², weight, and what a face mirrors
+    ways: tuple[tuple[Tensor, float, float, float], ...]  # σd / μ, 1 - μ², weight, and what a face mirrors
 
 
 @no_type_check
@@ -53,22 +52,20 @@ def prepare(layers, directions):
     albedo = added([layer.sigma_s * x for layer, x in zip(layers, depths)]) / tau
     beyond = (tau * ((1 - mirrored) / (REACH * mirrored))).pow(1.5).clamp_max(FAR)
     strength = extinguished(layers, directions) * albedo**2 * torch.exp(-beyond)
-    ways = tuple((d / mu, 1 - mu**2, weight, mirror) for mu, weight, mirror, _ in exits(eta, eta))
-    sigma = tau / d
-    return Even(-torch.expm1(-beyond), strength, albedo, sigma, sigma**2, ways)
+    ways = tuple((tau / mu, 1 - mu**2, weight, mirror) for mu, weight, mirror, _ in exits(eta, eta))
+    return Even(-torch.expm1(-beyond), strength, albedo, tau / d, ways)
 
 
 @no_type_check
 def scattered_evenly(even, s):
     """What leaves by either face after two or more scatterings (S, N). `s`: frequencies (S, 1)."""
-    s = s.clamp_min(LEAST)
-    x, s2 = s / even.sigma, s * s
-    again, out = torch.atan(x) / x, 0.0
-    for way, sine2, weight, mirror in even.ways:
-        root = torch.sqrt(torch.add(even.squared, s2, alpha=sine2))
-        m = root * way
-        less = -torch.expm1(-m.clamp_max(FAR))
-        leaves = less * weight / (m * (1 - mirror + mirror * less))
-        again = again - leaves * (even.sigma / root)
-        out = out + leaves
-    return even.strength * again * (out / 2) / (1 - even.albedo * again).clamp_min(LEFT)
+    x = s.clamp_min(LEAST) / even.sigma
+    again, out, x2 = torch.atan(x) / x, 0.0, x * x
+    for tau, sine2, weight, mirror in even.ways:
+        root = (x2 * sine2).add_(1).sqrt_()
+        m = root * tau
+        less = torch.expm1(-m)
+        leaves = less / (less * mirror).sub_(1 - mirror).mul_(m)
+        again = torch.addcdiv(again, leaves, root, value=-weight)
+        out = out + leaves * (weight / 2)
+    return even.strength * again * out / (1 - even.albedo * again).clamp_min_(LEFT)

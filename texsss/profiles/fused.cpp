@@ -125,7 +125,7 @@ struct Solver {
   V scattered_more(const std::vector<Sweep>& sweeps, const Even& even, float s) const {
     V total = {};
     for (const Sweep& sweep : sweeps) total += sweep.at(s);
-    return mirroring ? total * even.rest + even.at(s) : total;
+    return mirroring && even.thin ? total * even.rest + even.at(s) : total;
   }
 
   // What multiple scattering lacks for the same stack without absorption to return all light
