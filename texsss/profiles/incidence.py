@@ -46,11 +46,13 @@ def mean_direction(incidence: Incidence, eta: float) -> tuple[tuple[float, float
 
 
 def finer(directions: Sequence[tuple[float, float]], etas: Sequence[float]) -> Sequence[tuple[float, float]]:
-    """The light of `incidence_directions` in more directions, if in more than one and all `etas` are alike.
+    """Diffuse light in more directions, if all `etas` are alike; other light as it is.
 
     What grazes where they differ is mirrored there, which profiles leave out.
     """
-    return directions if len(directions) == 1 or len(set(etas)) > 1 else _entered(etas[0], NODES_FINE)
+    known = [light("diffuse", etas[0]) for light in (incidence_directions, mean_direction)]
+    diffuse = tuple(directions) in known and len(set(etas)) == 1
+    return _entered(etas[0], NODES_FINE) if diffuse else directions
 
 
 @lru_cache(maxsize=64)

@@ -86,9 +86,9 @@ def light_in(layers, directions, mirrored=True):
     it lasts; reflections at inner interfaces (1 % from 1.5 to 1.2) are left out. A few directions lose as
     much between mirrors as many do, of which the grazing ones are mirrored again and again.
     """
-    more = 1.0
-    if mirrored and layers[-1].d is not None and len(directions) > 1:
-        more = (extinguished(layers, directions) + THIN) / (_lost(layers, directions) + THIN)
+    more, fine = 1.0, finer(directions, [layer.eta for layer in layers])
+    if mirrored and layers[-1].d is not None and fine is not directions:
+        more = (_lost(layers, fine) + THIN) / (_lost(layers, directions) + THIN)
     each = [_light_from(layers, cosine, share * more, mirrored) for cosine, share in directions]
     return [list(lights) for lights in zip(*each, strict=True)]
 
