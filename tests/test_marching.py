@@ -5,6 +5,7 @@ import torch
 from serving import torus_obj
 
 from texsss.baker import Baker
+from texsss.errors import DomainError, ShapeError
 from texsss.io.images import write_png
 from texsss.light import irradiance
 from texsss.pipeline import Run
@@ -72,6 +73,21 @@ def test_a_thickness_of_many_colours_does_not_march_and_says_why(baker, ring):
     assert made.marching == "none" and made.single is None
     assert [note for note in made.why_unmarched if "thickness differs between colours" in note]
     assert run(baker, ring).marching == "exact" and not run(baker, ring).why_unmarched
+
+
+def test_what_cannot_be_marched_is_told_before_light_is_waited_for(baker, ring):
+    """As many limits as no boundaries, and phases that differ."""
+    layers = {"layers": [{"medium": "smoke", "thickness_mm": 1.0}, {"medium": "jelly"}]}
+    smoke = {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 2.0, "g": 0.6}
+    asked = ring | {"media": {"smoke": smoke, "jelly": smoke | {"phase": "schlick"}}, "material": layers}
+    for scene, methods, named in (
+        (asked | {"material": "jelly"}, {"march": {"deepest_mm": [1.0, 2.0]}}, "each of 0 boundaries, got 2"),
+        (asked, {}, "one phase for all layers"),
+    ):
+        made = run(baker, scene, **methods)
+        with pytest.raises((DomainError, ShapeError), match=named):
+            made.baked()
+        assert "light" not in made.seconds and "weights" not in made.seconds
 
 
 def test_textures_hold_all_light_and_pictures_march_it(baker, ring):

@@ -23,7 +23,7 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals
 from texsss.surface.points import Points
 from texsss.transport.march.gatherer import Phase
-from texsss.transport.march.interior import Interior, from_stack
+from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import March
 from texsss.transport.march.noise import Noise
 from texsss.transport.march.planes import Planes
@@ -162,9 +162,12 @@ def scattered_once(
     method and occluder of `March`, and how often it samples lights. Every ray of a pixel draws numbers of
     its own from `seed`.
     """
+    check_deepest(how, stack)
     interior = from_stack(stack)
     if how.deepest_mm is not None:
-        interior = replace(interior, depth=torch.minimum(interior.depth, _deepest(how, interior)))
+        interior = replace(
+            interior, depth=torch.minimum(interior.depth, interior.depth.new_tensor(how.deepest_mm))
+        )
     if phase == "schlick":
         interior = replace(interior, g=schlick_k(interior.g))
     noise = None
@@ -202,17 +205,15 @@ def scattered_once(
     return once
 
 
-def _deepest(how: MarchSpec, interior: Interior) -> Float[Tensor, " B"]:
-    """How deep each boundary may lie [mm]. Raises ShapeError: when they are as many as no boundaries."""
-    wanted, boundaries = how.deepest_mm, interior.depth.shape[-1]
-    if not isinstance(wanted, tuple):
-        return interior.depth.new_tensor(wanted).expand(boundaries)
-    if len(wanted) != boundaries:
+def check_deepest(how: MarchSpec, stack: Stack) -> None:
+    """Raises ShapeError: when as many depths are given as the stack has no boundaries."""
+    wanted = how.deepest_mm
+    boundaries = len(stack.layers) - (stack.layers[-1].thickness is None)
+    if isinstance(wanted, tuple) and len(wanted) != boundaries:
         raise ShapeError(
             f"methods.march.deepest_mm: expected one number, or one for each of {boundaries} "
             f"boundaries, got {len(wanted)}; add or drop some."
         )
-    return interior.depth.new_tensor(wanted)
 
 
 def tinted(

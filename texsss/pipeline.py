@@ -16,7 +16,7 @@ from texsss.cache import Kept
 from texsss.diffusing import Diffusing
 from texsss.light.enclosed import enclosed
 from texsss.light.thickness import far_side
-from texsss.look import averaged, bent_away, scattered_once, seer, share_of, shower, tinted
+from texsss.look import averaged, bent_away, check_deepest, scattered_once, seer, share_of, shower, tinted
 from texsss.profiles.advice import advice
 from texsss.report import describe
 from texsss.result import Baked
@@ -270,6 +270,9 @@ class Run(Diffusing):
         """Everything but the picture, which is taken when asked for."""
         scene = self.scene
         _ = self.surface_maps, self.stack  # what cannot be read is told before it is waited for
+        if self.marching != "none":
+            _ = self.phase
+            check_deepest(scene.methods.march, self.stack.value)
         result = (self.entered_light, self.exitance, self.weights("total").value)
 
         _ = self.inward  # the report tells of it, which asks for nothing new
