@@ -13,6 +13,7 @@ from reference.boundary import Array, fresnel
 from reference.layers import Layer
 
 REACH = 0.45
+UNLIKE = 40.0
 NODES = 400
 
 
@@ -22,7 +23,11 @@ def share(layers: Sequence[Layer]) -> float:
     if eta == 1 or np.isinf(layers[-1].thickness) or any(layer.eta != eta for layer in layers):
         return 0.0
     mirrored = np.sqrt(1 - 1 / eta**2)
-    return float(np.exp(-((_depth(layers) * (1 - mirrored) / (REACH * mirrored)) ** 1.5)))
+    depths = np.array([layer.sigma_t_prime * layer.thickness for layer in layers])
+    albedo = np.array([layer.sigma_s * (1 - layer.g) / layer.sigma_t_prime for layer in layers])
+    unlike = np.cov(albedo, aweights=depths, ddof=0) if len(layers) > 1 else 0.0
+    beyond = (depths.sum() * (1 - mirrored) / (REACH * mirrored)) ** 1.5
+    return float(np.exp(-beyond * (1 + UNLIKE * unlike)))
 
 
 def scattered(layers: Sequence[Layer], s: Array) -> Array:

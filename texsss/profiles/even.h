@@ -4,7 +4,7 @@
 
 #include "once.h"
 
-constexpr float REACH = 0.45f, LEFT = 1e-6f;
+constexpr float REACH = 0.45f, UNLIKE = 40, LEFT = 1e-6f;
 
 // arctan x / x for x > 0: a quarter of the angle, twice halved, by its series
 static inline V angle_per_tangent(V x) {
@@ -35,8 +35,12 @@ struct Even {
       d += own, depth += layer.sigma * own, scattered += layer.sigma_s * own;
     }
     albedo = scattered * inverse(depth), sigma = depth * inverse(d);
-    V x = depth * float((1 - mirrored) / (REACH * mirrored));
-    Decayed fade = decayed(lesser(x * root(x), all(FAR)));
+    V x = depth * float((1 - mirrored) / (REACH * mirrored)), apart = {};
+    for (const Layer& layer : layers) {
+      V step = layer.sigma_s * inverse(layer.sigma) - albedo;
+      apart += step * step * layer.sigma * (layer.d + 1e-15f);
+    }
+    Decayed fade = decayed(lesser(x * root(x) * (1 + UNLIKE * apart * inverse(depth)), all(FAR)));
     rest = fade.gone, strength = extinguished(layers, false, finer) * albedo * albedo * fade.left;
     thin = some(fade.left > 1e-9f);
   }

@@ -8,7 +8,8 @@ Of light that starts evenly in all depths and directions the share
 
 collides again, and E = ½ Σ_m W_m (1 - ε) / (Λ_m d (1 - F ε)) leaves by either face, with the nodes of
 `single`. Then what scattered twice and more is X a² K E / (1 - a K), X being what the beam lost. Layers of
-one index count as one, of their mean coefficients: all light crosses them all.
+one index count as one, of their mean coefficients: all light crosses them all, if they are thin enough or of
+much the same albedo.
 Source: our own; the escape probabilities of reactor physics, in Hankel space.
 """
 
@@ -24,6 +25,7 @@ from texsss.types import Tensor
 # Optical depth up to which this is better than two modes, per share mirrored totally over share let out:
 # fitted to the Monte Carlo of slabs of index 1.1 to 1.6, the same for all
 REACH = 0.45
+UNLIKE = 40.0  # ... less by this times the variance of the albedo, for what goes on there is not even
 LEFT = 1e-6  # of light that must leave, so that nothing overflows in slabs which are not thin at all
 
 
@@ -50,7 +52,11 @@ def prepare(layers, directions):
     depths = [layer.d + THIN for layer in layers]
     d, tau = added(depths), added([layer.sigma * x for layer, x in zip(layers, depths)])
     albedo = added([layer.sigma_s * x for layer, x in zip(layers, depths)]) / tau
-    beyond = (tau * ((1 - mirrored) / (REACH * mirrored))).pow(1.5).clamp_max(FAR)
+    beyond = (tau * ((1 - mirrored) / (REACH * mirrored))).pow(1.5)
+    apart = [
+        (layer.sigma_s / layer.sigma - albedo) ** 2 * layer.sigma * x for layer, x in zip(layers, depths)
+    ]
+    beyond = (beyond * (1 + UNLIKE * added(apart) / tau)).clamp_max(FAR)
     strength = extinguished(layers, directions) * albedo**2 * torch.exp(-beyond)
     ways = tuple((tau / mu, 1 - mu**2, weight, mirror) for mu, weight, mirror, _ in exits(eta, eta))
     return Even(-torch.expm1(-beyond), strength, albedo, tau / d, ways)
