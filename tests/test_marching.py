@@ -6,6 +6,7 @@ from serving import torus_obj
 
 from texsss.baker import Baker
 from texsss.errors import DomainError, ShapeError
+from texsss.io.exr import write_exr
 from texsss.io.images import write_png
 from texsss.light import irradiance
 from texsss.pipeline import Run
@@ -133,6 +134,25 @@ def test_lights_with_an_extent_are_marched_as_with_many_rays(baker, ring, light,
     # the same looks for all: neighbours differ no more than with thousands
     rough = [float(image.diff(dim=1)[on[:, 1:] & on[:, :-1]].norm()) for image in (auto, exact)]
     assert rough[0] < 1.1 * rough[1]
+
+
+def test_a_faint_lamp_of_a_panorama_is_marched_where_the_bright_one_is_not_seen(baker, ring, tmp_path):
+    """Places drawn by brightness would miss it, and with it all light that it alone brings: .4 was left."""
+    lamps = torch.full((64, 128, 3), 0.02)
+    lamps[20:22, 30:32], lamps[20:22, 94:96] = 300.0, 30.0
+    write_exr(tmp_path / "lamps.exr", lamps)
+    lit = ring | {"maps": ring["maps"] | {"lamps": {"source": str(tmp_path / "lamps.exr")}}}
+
+    def single(how: str, samples: int) -> torch.Tensor:
+        light = {"type": "environment", "map": "lamps", "samples": samples}
+        asked = {
+            "lights": [light],
+            "camera": {"direction": [1, 0.3, 0], "resolution": [32, 24], "samples": 1},
+        }
+        methods = {"diffusion": "uv", "single_scattering": how}
+        return baker.intermediate(Scene.parse(lit | asked | {"methods": methods}), "single")
+
+    assert float(single("auto", 64).sum() / single("exact", 1024).sum()) == pytest.approx(1, abs=0.03)
 
 
 def test_light_of_every_extent_is_looked_for_once(ring, monkeypatch):

@@ -208,6 +208,24 @@ def test_samples_of_a_part_add_up_to_its_light():
         assert float((seen.irradiance > 0).any(-1).float().mean()) > 0.9
 
 
+@pytest.mark.parametrize("lamps", [2, 60])
+def test_mean_looks_are_all_light_from_few_directions(lamps):
+    """However faint a lamp, and however many there are."""
+    image = torch.zeros(64, 128, 3)
+    place = torch.randperm(64 * 128, generator=torch.Generator().manual_seed(3))[:lamps]
+    image.reshape(-1, 3)[place] = torch.logspace(0, 2, lamps)[:, None] * torch.tensor([1.0, 0.5, 0.2])
+    light = ImageEnvironment(image, rotation=0.7, intensity=2.0)
+    towards, brought = light.mean_looks(8)
+    assert len(towards) <= 8
+    whole = (image * solid_angle(64, 128)[:, None, None]).sum((0, 1)).float() * 2
+    torch.testing.assert_close(brought.sum(0), whole, rtol=0.01, atol=0)
+    if lamps == 2:
+        # measured .3 %: of the faint one as of the bright one
+        for normal in towards:
+            found = (brought * (towards @ normal).clamp_min(0)[:, None]).sum(0)
+            torch.testing.assert_close(found, light.unoccluded(1.0)(normal[None])[0], rtol=0.02, atol=0)
+
+
 def test_sharing_lowers_noise_and_keeps_the_mean():
     mesh = together(square(100.0), square(100.0).moved(square(100.0).vertices[:, [2, 1, 0]] * -1))
     points = scatter(mesh, 4000, faces=slice(0, 2))

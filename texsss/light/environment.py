@@ -27,6 +27,7 @@ from texsss.types import Float, Int, Tensor, unit
 _WIDEST = 1024  # texels that samples are chosen from; larger panoramas are averaged down
 _FINEST = 256  # and smaller ones divided, as their look-ups are smooth
 _SOURCES = 48  # width of the panorama over which unshadowed light is summed
+_COARSER = (48, 32, 24, 16, 12, 8, 6, 4)  # widths of panoramas whose cells stand for directions
 _STEPS = 8192  # of the cosine, between which what enters is looked up
 _MOST = 1e30  # light that arrives from all around [W/m²]: products of it stay within float32
 
@@ -141,6 +142,19 @@ class ImageEnvironment:
             rows.append(entering.index_select(0, near.reshape(-1)).reshape(near.shape) @ light)
         received = self.intensity * torch.cat(rows)
         return lambda normal: cube.between(received.to(normal), turned(normal, -self.rotation))
+
+    def mean_looks(self, most: int) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N 3"]]:
+        """All of its light as if from `most` directions at most, and what each brings facing it [W/m²].
+
+        Those are the means within cells of the sphere, as small as they may be; at least eight are.
+        """
+        power, most = self._power, max(most, 8)
+        where = direction(centres(*power.shape[:2])).reshape(power.shape)
+        wide = next(w for w in _COARSER if int((gathered(power, w).mean(-1) > 0).sum()) <= most)
+        light = gathered(power, wide).reshape(-1, 3)
+        some = light.mean(-1) > 0
+        towards = gathered(power.mean(-1, keepdim=True) * where, wide).reshape(-1, 3)[some]
+        return turned(unit(towards), self.rotation).float(), self.intensity * light[some].float()
 
     @cached_property
     def spots(self) -> Spots | None:

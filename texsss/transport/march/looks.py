@@ -8,6 +8,7 @@ import torch
 from torch.quasirandom import SobolEngine
 
 from texsss.light.emitters import Environment, Light, LightSamples, basis
+from texsss.light.environment import ImageEnvironment
 from texsss.media import fresnel
 from texsss.numerics.quadrature import gauss_legendre
 from texsss.transport.march.setup import Sites, dot
@@ -30,14 +31,15 @@ def scaled_to(
 ) -> list[LightSamples]:
     """Looks at a light whose mean enters as `entered` says [W/m²], none from below the horizon.
 
-    All points look at the same places of the light's square, `count` of them, or half as many where those
-    are the spots of surroundings alone; other surroundings are seen from the nodes of a quadrature, of which
-    there are about as many, but never fewer than 16.
+    All points look at the same places of the light's square, `count` of them. Spots of surroundings, which
+    such places might miss, are all of their light from as many directions at most; other surroundings are
+    seen from the nodes of a quadrature, of which there are about as many, but never fewer than 16.
     """
-    if isinstance(light, Environment) and light.looks != SPOTS:
+    if isinstance(light, ImageEnvironment) and light.looks == SPOTS:
+        looks = _at_spots(light, count, sites)
+    elif isinstance(light, Environment):
         looks = _all_around(light, count, sites)
     else:
-        count = -(-count // 2) if isinstance(light, Environment) else count
         looks = [
             light.sample(sites.position, sites.normal, square.to(sites.position))
             for square in _squares(light, count, len(sites.position))
@@ -74,6 +76,17 @@ def _all_around(sky: Environment, count: int, sites: Sites) -> list[LightSamples
             direction = sine * flat + cosine * sites.normal
             looks.append(LightSamples(direction, distance, worth * sky.radiance_from(direction)))
     return looks
+
+
+def _at_spots(spots: ImageEnvironment, count: int, sites: Sites) -> list[LightSamples]:
+    """Looks at every spot: a faint lamp lights alone what turns away from a bright one."""
+    home = sites.position
+    distance = home.new_full(home.shape[:1], math.inf)
+    directions, brought = (part.to(home) for part in spots.mean_looks(count))
+    return [
+        LightSamples(towards.expand_as(home), distance, (len(brought) * light).expand_as(home))
+        for towards, light in zip(directions, brought, strict=True)
+    ]
 
 
 def _squares(
