@@ -1,5 +1,7 @@
 """How thick objects are: closed forms, shells within shells, and surfaces without a far side."""
 
+import math
+
 import pytest
 import torch
 from shapes import scatter, sphere, together
@@ -42,6 +44,27 @@ def test_shells_within_shells_are_one_body():
     outer = scatter(mesh, 300, faces=slice(0, 5120))
     found = far_side(outer, mesh, Occluder(mesh))
     assert bool((found.thickness > 99).all()) and bool((found.thickness < 100.2).all())
+
+
+def test_a_wedge_is_measured_across_its_middle():
+    """Planes at an angle 2 a, r from where they meet: 2 r sin a, to a place as far from there."""
+    half = 0.3
+    upper = plate(200.0).vertices + torch.tensor([110.0, 0, 0])
+    tilt = torch.tensor(
+        [[math.cos(half), 0, math.sin(half)], [0, 1, 0], [-math.sin(half), 0, math.cos(half)]]
+    )
+    turned, faces = upper @ tilt, plate().faces
+    mesh = together(Mesh(turned, faces), Mesh(turned * torch.tensor([1.0, 1, -1]), faces.flip(1)))
+    points = scatter(mesh, 200, faces=slice(0, 2))
+    place = points.position(mesh)
+    inner = place.norm(dim=1) < 150
+    found = far_side(points, mesh, Occluder(mesh))
+    away = place[:, [0, 2]].norm(dim=1)
+    expected = 2 * away * math.sin(half)
+    torch.testing.assert_close(found.thickness[inner], expected[inner], rtol=2e-3, atol=0)
+    mirrored = place * torch.tensor([1.0, 1, -1])
+    assert float((found.points.position(mesh) - mirrored)[inner].abs().max()) < 0.05
+    torch.testing.assert_close(found.opposite[inner], torch.full_like(away, math.cos(half))[inner])
 
 
 def test_an_open_sheet_has_no_far_side():

@@ -8,6 +8,7 @@
     beam        collimated light in the stack, the source of the two below
     diffusion   its use for N-layer diffusion, the twin of `layered-diffusion`
     sp3         its use for the two-mode model, the twin of `layered-sp3`'s R_c
+    plate       random walks through a plate that is thicker in one place than in another
     transport   tabulated solutions of the integral transport equation
     stacks      the stacks of the accuracy table and their tabulated Monte Carlo results
 

@@ -8,9 +8,10 @@ from texsss.light.sites import CHUNK
 from texsss.light.visibility import Occluder
 from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
-from texsss.types import Bool, Cancel, Float, Progress, Tensor, check_cancelled, chunks
+from texsss.types import Bool, Cancel, Float, Int, Progress, Tensor, check_cancelled, chunks
 
 SHELLS = 8  # surfaces that a ray passes through, at most: shells that lie within others count as one body
+STEEP = 0.3  # cosine to the face's normal from which a second ray is cast
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +19,8 @@ class FarSide:
     """What lies opposite P points, straight through the object.
 
     `thickness` (P,) [mm], infinite where nothing does; `points`: where (any point then); `opposite` (P,):
-    0..1, how far the far side faces away, ½ (1 - n·n').
+    0..1, how far both sides face apart, √(½ (1 - n·n')): the cosine between either's normal and that of the
+    plate which they bound.
     """
 
     thickness: Float[Tensor, " P"]
@@ -39,10 +41,12 @@ def far_side(
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> FarSide:
-    """The far side of `points`: where a ray against the shading normal leaves the object.
+    """The far side of `points`: where a ray against the shading normal leaves the object, or a shorter one.
 
-    Gutter points look from the rim of their face. In an open mesh rays may leave without meeting a far
-    side. Without gradients. Raises Cancelled.
+    Where the far side is not parallel, a ray along the normal is too long, and ends where the object is
+    thicker: so a second one goes straight through the plate that both sides bound, against n - n'. Gutter
+    points look from the rim of their face. In an open mesh rays may leave without meeting a far side.
+    Without gradients. Raises Cancelled.
     Source: d'Eon & Luebke 2007 (thickness along the normal), by rays in place of a shadow map.
     """
     parts = []
@@ -60,23 +64,41 @@ def _through(points: Points, mesh: Mesh, occluder: Occluder) -> tuple[Tensor, Te
     """Thickness, far face, barycentrics and how opposite it is."""
     inside = points.bary.clamp_min(0)
     near = Points(points.face, inside / inside.sum(-1, keepdim=True))
-    normal = near.normal(mesh).detach()
-    origin = near.position(mesh).detach() - occluder.offset_mm * near.face_normal(mesh).detach()
-    thickness = normal.new_full((len(points),), torch.inf)
-    face = torch.zeros(len(points), dtype=torch.int64)
-    bary = normal.new_full((len(points), 3), 1 / 3)
-    going = torch.arange(len(points))
-    depth = torch.ones(len(points), dtype=torch.int64)
-    travelled = torch.zeros(len(points), dtype=normal.dtype)
+    normal, outwards = near.normal(mesh).detach(), near.face_normal(mesh).detach()
+    origin = near.position(mesh).detach() - occluder.offset_mm * outwards
+    thickness, face, bary = _left(origin, -normal, mesh, occluder)
+    # the plate between both sides
+    across = torch.nn.functional.normalize(Points(face, bary).normal(mesh).detach() - normal, dim=1)
+    some = torch.nonzero((thickness < torch.inf) & ((across * outwards).sum(1) < -STEEP))[:, 0]
+    shorter, *place = _left(origin[some], across[some], mesh, occluder)
+    better = shorter < thickness[some]
+    for old, new in zip((thickness, face, bary), (shorter, *place), strict=True):
+        old[some[better]] = new[better]
+    cosine = (Points(face, bary).normal(mesh).detach() * normal).sum(1)
+    opposite = ((1 - cosine) / 2).clamp(0, 1).sqrt()
+    return thickness, face, bary, torch.where(thickness < torch.inf, opposite, 0)
+
+
+def _left(
+    origin: Float[Tensor, "P 3"], into: Float[Tensor, "P 3"], mesh: Mesh, occluder: Occluder
+) -> tuple[Float[Tensor, " P"], Int[Tensor, " P"], Float[Tensor, "P 3"]]:
+    """How far rays from within the object go until they have left it [mm], through which face and where."""
+    origin = origin.clone()
+    thickness = origin.new_full((len(origin),), torch.inf)
+    face = torch.zeros(len(origin), dtype=torch.int64)
+    bary = origin.new_full((len(origin), 3), 1 / 3)
+    going = torch.arange(len(origin))
+    depth = torch.ones(len(origin), dtype=torch.int64)
+    travelled = torch.zeros(len(origin), dtype=origin.dtype)
     for _ in range(SHELLS):
-        hit, place, distance = occluder.closest(origin[going], -normal[going])
+        hit, place, distance = occluder.closest(origin[going], into[going])
         hits = hit >= 0
         going, hit, place, distance = going[hits], hit[hits], place[hits], distance[hits]
         if not len(going):
             break
         travelled[going] += distance
         # leaving one shell, or entering another that lies within
-        leaves = (mesh.face_normals.detach()[hit] * normal[going]).sum(1) <= 0
+        leaves = (mesh.face_normals.detach()[hit] * into[going]).sum(1) >= 0
         depth[going] += torch.where(leaves, -1, 1)
         out = depth[going] <= 0
         done = going[out]
@@ -84,8 +106,6 @@ def _through(points: Points, mesh: Mesh, occluder: Occluder) -> tuple[Tensor, Te
         bary[done] = place[out].to(bary)
         going = going[~out]
         step = 2 * occluder.offset_mm
-        origin[going] = origin[going] - (distance[~out] + step)[:, None] * normal[going]
+        origin[going] = origin[going] + (distance[~out] + step)[:, None] * into[going]
         travelled[going] += step
-    far = Points(face, bary).normal(mesh).detach()
-    opposite = (1 - (far * normal).sum(1)) / 2
-    return thickness, face, bary, torch.where(thickness < torch.inf, opposite.clamp(0, 1), 0)
+    return thickness, face, bary
