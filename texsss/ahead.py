@@ -44,7 +44,7 @@ class Ahead:
         return self
 
     def stop(self) -> None:
-        """Ends the compiler that runs, if one does."""
+        """Ends the compiler that runs, if one does; numba goes on with its loop, if one is being made."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()

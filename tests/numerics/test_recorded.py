@@ -1,9 +1,12 @@
 """What is recorded, repeated by torch or as a loop of numba, is what the function gives."""
 
+import importlib.util
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import torch
@@ -13,6 +16,7 @@ from texsss.numerics.jitted import Loop, Source
 from texsss.numerics.recorded import Recording
 
 S = torch.linspace(0, 3, 5)[:, None]
+LOCKS = pytest.mark.skipif(importlib.util.find_spec("fcntl") is None, reason="no locks: each builds")
 
 
 def every_form(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
@@ -63,7 +67,7 @@ def test_a_loop_is_built_beside_what_asks_for_it(tmp_path, monkeypatch):
     made = torch.empty(len(S), 4)
     Loop(recording, wait=True)([x], made)
     torch.testing.assert_close(made, S * x)
-    monkeypatch.setattr(loop_files, "run", lambda *_: pytest.fail("built again"))
+    monkeypatch.setattr(loop_files, "run", lambda *_, **__: pytest.fail("built again"))
     Loop(recording, wait=False)
 
 
@@ -87,8 +91,48 @@ def test_a_loop_whose_folder_has_gone_is_made_anew(tmp_path, monkeypatch):
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no alarms: the process ends by itself only")
 def test_a_process_that_nobody_waits_for_ends(tmp_path):
     (tmp_path / "hangs.py").write_text("import time; time.sleep(60)")
-    command = [sys.executable, "-c", loop_files._CHILD, str(tmp_path), "hangs", str(tmp_path / "built"), "1"]
+    command = _child(tmp_path, "hangs", patience_s=1)
     assert subprocess.run(command, check=False, timeout=30).returncode == -signal.SIGALRM
+
+
+@LOCKS
+def test_processes_that_want_the_same_loop_build_it_once(tmp_path):
+    (tmp_path / "slow.py").write_text("import time; open('begun', 'a').write('x'); time.sleep(.5)")
+    both = [subprocess.Popen(_child(tmp_path, "slow"), cwd=tmp_path) for _ in range(2)]
+    assert [one.wait(30) for one in both] == [0, 0]
+    assert (tmp_path / "begun").read_text() == "x" and (tmp_path / "built").is_file()
+
+
+@LOCKS
+def test_who_waits_for_another_goes_with_who_asked(tmp_path):
+    """Or short runs would leave a row of them; here nobody of that number is its parent."""
+    fcntl = importlib.import_module("fcntl")
+    with (tmp_path / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert subprocess.run(_child(tmp_path, "any", asker=0), check=False, timeout=30).returncode == 0
+    assert not (tmp_path / "built").exists()
+
+
+@LOCKS
+def test_who_builds_and_is_killed_leaves_no_lock(tmp_path):
+    (tmp_path / "dies.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    (tmp_path / "works.py").write_text("")
+    for name, ends in (("dies", -signal.SIGKILL), ("works", 0)):
+        assert subprocess.run(_child(tmp_path, name), check=False, timeout=30).returncode == ends
+    assert (tmp_path / "built").is_file()
+
+
+@pytest.mark.filterwarnings("ignore:subprocess .* is still running")
+def test_a_loop_is_finished_though_who_began_it_has_ended(tmp_path):
+    """Runs shorter than what they begin would begin it again and again."""
+    folder = tmp_path / "loop_slow"
+    folder.mkdir()
+    (folder / "loop_slow.py").write_text("import time; open('begun', 'w'); time.sleep(.5)")
+    assert not loop_files.build(folder, (folder / "begun").is_file)
+    built, patience = loop_files._built(folder), time.monotonic() + 30
+    while not built.is_file() and time.monotonic() < patience:
+        time.sleep(0.05)
+    assert loop_files.build(folder, lambda: pytest.fail("begun again"))
 
 
 def test_a_loop_that_cannot_be_kept_is_none(tmp_path, monkeypatch):
@@ -99,6 +143,12 @@ def test_a_loop_that_cannot_be_kept_is_none(tmp_path, monkeypatch):
 def test_a_loop_that_numba_cannot_make_is_none(tmp_path, monkeypatch):
     monkeypatch.setattr(loop_files, "_CHILD", "raise ImportError('numba')")
     _nothing_comes(tmp_path, monkeypatch, "CalledProcessError")
+
+
+def _child(folder, module: str, patience_s: int = 60, asker: int | None = None) -> list[str]:
+    """The command that imports a module of `folder`, and says so in the file `built`."""
+    given = [folder, module, folder / "built", patience_s, os.getpid() if asker is None else asker]
+    return [sys.executable, "-c", loop_files._CHILD, *map(str, given)]
 
 
 def _nothing_comes(folder, monkeypatch, why: str) -> None:

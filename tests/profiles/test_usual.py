@@ -68,7 +68,7 @@ def test_the_usual_loops_are_those_of_painted_skin(layers, scattering, no_compil
 
 
 def test_they_are_built_ahead(no_compiler, tmp_path, monkeypatch):
-    """Recorded in a process of its own, once; a stop ends whatever runs."""
+    """Recorded in a process of its own, once."""
     monkeypatch.setenv("TEXSSS_CACHE_DIR", str(tmp_path))
     texts, built = [usual.text(*kind) for kind in usual.KINDS], []
     monkeypatch.setattr(loop_files, "build", lambda folder, cancel: built.append(folder) is None)

@@ -15,18 +15,32 @@ from pathlib import Path
 
 from texsss.numerics.native import cache_folder, notice, processor, run, sweep, written
 
-# what the process does: it gives way to others, ends even if nobody waits for it any more, and says at last
-# how long it took
+# what the process does: it gives way to others, ends even if nobody waits for it any more, waits for one that
+# does the same, and says at last how long it took
 _CHILD = """import os, signal, sys, time
-folder, name, built, patience = sys.argv[1:]
+folder, name, built, patience, asker = sys.argv[1:]
 if hasattr(signal, "SIGALRM"):
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(int(patience))
 os.nice(10)
-sys.path.insert(0, folder)
-__import__(name)
-with open(built, "w") as file:
-    file.write(f"{time.process_time():.1f} s of processor time")
+lock = open(os.path.join(folder, "lock"), "w")
+try:
+    import fcntl
+    while True:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except BlockingIOError:
+            if os.getppid() != int(asker):
+                sys.exit()  # who asked has gone, and another does it
+            time.sleep(0.1)
+except (ImportError, OSError):
+    pass  # some systems and folders know no locks: both do it then
+if not os.path.exists(built):
+    sys.path.insert(0, folder)
+    __import__(name)
+    with open(built, "w") as file:
+        file.write(f"{time.process_time():.1f} s of processor time")
 """
 PATIENCE_S = 900.0
 _LOCKS: dict[Path, threading.Lock] = {}
@@ -67,7 +81,11 @@ def kept(text: str) -> Path:
 
 
 def build(folder: Path, cancel: Callable[[], bool] = lambda: False) -> bool:
-    """Whether what lies in `folder` is compiled for this machine; does it first, until `cancel` says so."""
+    """Whether what lies in `folder` is compiled for this machine; does it first.
+
+    Once `cancel` says so, what compiles is no longer waited for, but goes on, in one process: runs that are
+    shorter than it would never come to its end.
+    """
     with _LOCKS.setdefault(folder, threading.Lock()):  # whoever comes second waits for what the first builds
         with suppress(OSError):  # of others, perhaps
             os.utime(folder)  # still in use
@@ -77,8 +95,8 @@ def build(folder: Path, cancel: Callable[[], bool] = lambda: False) -> bool:
             return False
         try:
             sweep(folder.parent)
-            given = [str(folder), folder.name, str(_built(folder)), f"{PATIENCE_S:.0f}"]
-            run([sys.executable, "-c", _CHILD, *given], folder, cancel, PATIENCE_S)
+            given = [str(folder), folder.name, str(_built(folder)), f"{PATIENCE_S:.0f}", str(os.getpid())]
+            run([sys.executable, "-c", _CHILD, *given], folder, cancel, PATIENCE_S, outlives=True)
         except (OSError, subprocess.SubprocessError) as error:
             if folder.is_dir() and not cancel():  # one that has gone may be written anew
                 _FAILED[folder] = type(error).__name__

@@ -120,8 +120,12 @@ def run(
     folder: str | Path,
     cancel: Callable[[], bool] = lambda: False,
     patience_s: float | None = None,
+    outlives: bool = False,
 ) -> bytes:
-    """What a command prints. Raises SubprocessError: when it fails, is cancelled, or hangs, now or before."""
+    """What a command prints. Raises SubprocessError: when it fails, is cancelled, or hangs, now or before.
+
+    It is ended then, unless it `outlives` being cancelled.
+    """
     if _HANGS & {ALL, command[0]}:
         raise subprocess.TimeoutExpired(command, 0)
     patience_s = patience_s or PATIENCE_S
@@ -139,7 +143,8 @@ def run(
                 with suppress(subprocess.TimeoutExpired):
                     running.wait(POLL_S)
         finally:
-            _end(running)
+            if not (outlives and cancel()):
+                _end(running)
             _RUNNING.discard(running)
         if running.returncode:
             raise subprocess.CalledProcessError(running.returncode, command)
