@@ -1,8 +1,10 @@
 """Scenes to tensors: what maps of different sizes come to."""
 
+import pytest
 import torch
 
 from texsss import resolve
+from texsss.errors import DomainError
 from texsss.media.stack import Layer, Stack
 from texsss.scene import Scene
 
@@ -31,3 +33,10 @@ def test_a_mask_may_be_finer_than_the_maps_it_mixes():
     expected = Stack(Layer(spots)).at(uv).sigma_s[..., 0, 0]
     found = resolve.stack(scene, images).at(uv).sigma_s[..., 0, 0]
     torch.testing.assert_close(found, expected, check_dtype=False)
+
+
+def test_a_medium_that_cannot_be_is_named():
+    media = {"ink": {"sigma_a_per_mm": 1e7, "sigma_s_per_mm": 1.0}}
+    scene = Scene.parse({"media": media, "material": {"layers": [{"medium": "ink"}]}})
+    with pytest.raises(DomainError, match=r"media\.ink: Medium\.sigma_a: expected at most 1e\+06"):
+        resolve.stack(scene, {})

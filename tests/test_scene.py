@@ -77,6 +77,14 @@ def test_a_source_that_is_stated_takes_the_place_of_the_default_objects():
         ({"media": {"x": {"preset": "skin1", "sigma_a_per_mm": 1.0}}}, ["media.x"]),
         ({"material": {"layers": [{"thickness_mm": {"map": "v"}}]}}, ["layers.0", "range", "'v'", "[mm]"]),
         ({"media": {"x": {"sigma_a_per_mm": {"map": "v"}, "sigma_s_per_mm": 1.0}}}, ["range", "[1/mm]"]),
+        (
+            {"media": {"x": {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 1.0, "g": [0.1, 0.2, -1.0]}}},
+            ["media.x.g.2: expected more than -1, got -1"],
+        ),
+        (
+            {"methods": {"profile": "multipole", "single_scattering": "exact"}},
+            ["methods: single_scattering: expected none", "'multipole'", "choose layered-sp3"],
+        ),
     ],
 )
 def test_bad_field_is_named_in_one_sentence(data, names):

@@ -8,6 +8,7 @@ from texsss.specs import Count, Model, NonNegative, Number, Positive, Unit
 
 MOST_BOUNCES = 16
 ALONE = ("octree", "parallax")  # methods whose light no other part receives, and that know no angles
+SPLITS = ("better-dipole", "layered-sp3")  # profiles that know what scattered once from the rest
 
 
 class OctreeSpec(Model):
@@ -131,5 +132,11 @@ class MethodsSpec(Model):
         if self.angular and self.diffusion in ALONE:
             raise ValueError(
                 f"angular: expected false with diffusion {self.diffusion!r}, got true; choose surface or uv"
+            )
+        marched = self.single_scattering in ("uniform", "exact") and self.diffusion != "parallax"
+        if marched and self.profile not in SPLITS:
+            raise ValueError(
+                f"single_scattering: expected none with profile {self.profile!r}, which holds all that is "
+                f"marched, too, got {self.single_scattering}; choose layered-sp3 to march"
             )
         return self

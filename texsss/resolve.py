@@ -256,12 +256,11 @@ def medium(scene: Scene, name: str, images: Images) -> Medium:
         return preset(name)
     if spec.preset is not None:
         return preset(spec.preset)
-    return Medium(
-        _value(spec.sigma_a_per_mm, images),
-        _value(spec.sigma_s_per_mm, images),
-        _value(spec.g, images),
-        spec.eta,
-    )
+    sigma_a, sigma_s, g = (_value(x, images) for x in (spec.sigma_a_per_mm, spec.sigma_s_per_mm, spec.g))
+    try:
+        return Medium(sigma_a, sigma_s, g, spec.eta)
+    except (DomainError, ShapeError) as error:
+        raise type(error)(f"media.{name}: {error}") from None
 
 
 def _value(value: Any, images: Images) -> Any:

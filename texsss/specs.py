@@ -9,6 +9,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NonNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Unit = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
+Cosine = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=1)]
 Count = Annotated[int, Field(strict=True)]
 Vector = tuple[Number, Number, Number]
 Colour = tuple[NonNegative, NonNegative, NonNegative]
@@ -86,7 +87,6 @@ class AtlasSpec(Model):
     """The lightmap's texture coordinates: the author's where they qualify (`auto`), or made by xatlas.
 
     `source` insists on the author's, `xatlas` on an unwrap; `fallback` projects along the axes, quickly.
-
     `raster`: edge of the lightmap that is computed on the same coordinates [texels], for drafts;
     None is `size`.
     """
@@ -134,7 +134,7 @@ class MediumSpec(Model):
     preset: str | None = None
     sigma_a_per_mm: NonNegative | Colour | MapValue | None = None
     sigma_s_per_mm: NonNegative | Colour | MapValue | None = None
-    g: Number | Vector = 0.0
+    g: Cosine | tuple[Cosine, Cosine, Cosine] = 0.0
     eta: Annotated[Number, Field(ge=1, le=3)] = 1.3
     phase: Literal["henyey-greenstein", "schlick"] = "henyey-greenstein"
 

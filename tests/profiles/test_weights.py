@@ -7,6 +7,7 @@ from texsss.errors import Cancelled, ConvergenceError, DomainError
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
+from texsss.numerics.hankel import inverse_hankel
 from texsss.numerics.quadrature import graded
 from texsss.profiles.burley import Burley, fit_burley
 from texsss.profiles.fit import fit_error, fit_gaussians
@@ -216,8 +217,14 @@ def test_burley_fits_what_it_is():
     shape = Burley(torch.tensor([0.6]).double(), torch.tensor([0.8]).double())
     total = torch.trapezoid(2 * torch.pi * r[:, None] * shape.evaluate(r), r, dim=0)
     assert abs(float(total) / 0.6 - 1) < 1e-3
+    far = torch.tensor([0.5, 3.0], dtype=torch.float64)
+    torch.testing.assert_close(inverse_hankel(shape.hankel, far), shape.evaluate(far), rtol=1e-6, atol=0)
     fitted = fit_burley(preset("skin1"))
     exact = hankel_profiles(preset("skin1"), ZERO)[0][0]
     torch.testing.assert_close(fitted.albedo, exact)
     # of the order of the medium's own, which engines ask for
     assert float((fitted.mean_free_path * preset("skin1").sigma_t_prime).sub(1).abs().max()) < 0.5
+    # by hand: black, where the square of Christensen & Burley 2015 vanishes, and white
+    three = torch.tensor([0.0, 0.8, 1.0])
+    times = Burley(three, torch.ones(3)).mean_free_path
+    torch.testing.assert_close(times, torch.tensor([4.14, 1.1, 1.04]))

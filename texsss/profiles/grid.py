@@ -55,7 +55,7 @@ def grid_gaussians(
     variances = STEP * torch.arange(1, CAP + 1).to(whole[0])
     results = [GaussianSum(variances, side) for side in (whole[0], whole[1])]
     if sparse:
-        nine = torch.tensor(NINE).to(variances)
+        nine = torch.tensor(NINE, dtype=torch.float64).to(variances)
         results = [GaussianSum(nine, split(x.variances, x.weights, nine)) for x in results]
     return results[0], results[1]
 
@@ -81,6 +81,19 @@ def pole_weights(x: Float[Tensor, "..."]) -> list[Tensor]:
             + 0.04425 * e(-1.433 * x) * (0.09187 * x + 0.06034)
         ),
     ]
+
+
+def pole_gaussians(
+    z: Float[Tensor, "..."], sigma_tr: Float[Tensor, "..."]
+) -> tuple[list[Tensor], list[Tensor]]:
+    """Variances [mm²] and weights of the four Gaussians for a pole at depth `z`, which is e^(-κ|z|) / 2.
+
+    In the radial metric within .7 to 2.2 % for x = sigma_tr |z| of .5 to 4, 4 to 7 % below .1. Differentiable.
+    """
+    x = sigma_tr * z.abs()
+    v0 = z**2 / (1 + x)
+    power = torch.exp(-x) / (4 * math.pi)
+    return [unit * v0 for unit in UNITS], [C * power for C in pole_weights(x)]
 
 
 def split(
@@ -144,12 +157,9 @@ def _on_grid(poles: list[tuple[Tensor, float]], albedo: Tensor, sigma_tr: Tensor
     """Poles as Gaussians; those that are missing for `total` (..., C) are as wide as the widest term."""
     variances, weights = [], []
     for z, sign in poles:
-        x = sigma_tr * z.abs()
-        v0 = z**2 / (1 + x)
-        power = sign * torch.sign(z) * albedo / 2 * torch.exp(-x) / (2 * math.pi)
-        for unit, C in zip(UNITS, pole_weights(x), strict=True):
-            variances.append(unit * v0)
-            weights.append(C * power)
+        wide, power = pole_gaussians(z, sigma_tr)
+        variances += wide
+        weights += [sign * torch.sign(z) * albedo * w for w in power]
     stacked = torch.stack(weights, -2)
     grid = STEP * torch.arange(1, TERMS + 1).to(albedo)
     terms = split(torch.stack(variances, -2), stacked, grid)
