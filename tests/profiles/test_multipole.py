@@ -43,6 +43,28 @@ def test_egans_fit_is_the_reflectance_of_diffuse_light(eta):
     assert abs((A - 1) / (A + 1) - 2 * fresnel.moments(eta)[0]) < 1.5e-3
 
 
+DIFFUSE = {  # reflectance, RGB
+    "apple": (0.85, 0.84, 0.53),
+    "chicken1": (0.31, 0.15, 0.10),
+    "cream": (0.98, 0.90, 0.73),
+    "ketchup": (0.16, 0.01, 0.00),
+    "marble": (0.83, 0.79, 0.75),
+    "potato": (0.77, 0.62, 0.21),
+    "skin1": (0.44, 0.22, 0.13),
+    "skin2": (0.63, 0.44, 0.34),
+    "spectralon": (1.00, 1.00, 1.00),
+    "wholemilk": (0.91, 0.88, 0.76),
+}
+
+
+@pytest.mark.parametrize("name", DIFFUSE)
+def test_presets_reflect_what_their_table_says(name):
+    """The column of diffuse reflectance in Jensen et al. 2001, figure 5: within .008, chicken's blue .026."""
+    R, _ = hankel_profiles(preset(name), S[:1], model="dipole")
+    off = (R[0] - torch.tensor(DIFFUSE[name])).abs()
+    assert float(off.max()) < (0.027 if name == "chicken1" else 0.0085)
+
+
 def test_dipole_at_a_distance_is_the_inverse_of_its_transform():
     medium = preset("skin1")
     r = torch.tensor([0.01, 0.3, 2.0], dtype=torch.float64)
