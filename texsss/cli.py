@@ -262,7 +262,7 @@ def scene_list() -> None:
 
 
 def _build_ahead() -> None:
-    """Starts what a bake will need while the rest is loaded; it ends with the process."""
+    """Starts what a bake will need while the rest is loaded; the compiler ends with the process."""
     signal.signal(signal.SIGTERM, leave)
     atexit.register(Ahead().start().stop)
 

@@ -64,7 +64,7 @@ def test_skin_darkens_with_melanin_and_reddens_with_blood():
 
 
 def test_skin_is_made_of_what_jacques_and_prahl_measured():
-    """Melanosomes 524/cm and whole blood 285/cm (oxygenated), 250/cm (not) at 540 nm; scattering 25/cm at 630.
+    """At 540 nm melanosomes 526/cm, whole blood 285/cm oxygenated and 250/cm not; at 630 nm scattering 25/cm.
 
     Worked out from the formulas and extinctions of their pages, in 1/mm.
     """

@@ -88,7 +88,8 @@ def pole_gaussians(
 ) -> tuple[list[Tensor], list[Tensor]]:
     """Variances [mm²] and weights of the four Gaussians for a pole at depth `z`, which is e^(-κ|z|) / 2.
 
-    In the radial metric within .7 to 2.2 % for x = sigma_tr |z| of .5 to 4, 4 to 7 % below .1. Differentiable.
+    In the radial metric within .7 to 2.2 % for x = sigma_tr |z| of .5 to 4, 4 to 7 % below .1.
+    Differentiable.
     """
     x = sigma_tr * z.abs()
     v0 = z**2 / (1 + x)
