@@ -20,6 +20,7 @@ _HOMES = {
     "TexsssError": "errors",
     "bake": "baker",
     "bake_depths": "depth_maps",
+    "ballistic": "profiles.ballistic",
     "depths_of": "media.depths",
     "fit_burley": "profiles.burley",
     "fit_gaussians": "profiles.fit",

@@ -139,6 +139,16 @@ class Stack:
         return self.layers[0].medium.eta
 
     @property
+    def upside_down(self) -> "Stack":
+        """The same layers seen from below. Raises DomainError: where the last is infinite."""
+        if self.layers[-1].thickness is None:
+            raise DomainError(
+                "Stack: expected a finite last layer to look at from below, got an infinite one; give it a "
+                "thickness [mm]."
+            )
+        return Stack(self.layers[::-1])
+
+    @property
     def varies(self) -> bool:
         """Whether anything is a map."""
         return any(x.ndim == 3 for x in self._given())

@@ -31,7 +31,9 @@ def hankel_profiles(
     incidence: Incidence = "diffuse",
     phase: str = "henyey-greenstein",
 ) -> tuple[Float[Tensor, "*B S C"], Float[Tensor, "*B S C"]]:
-    """R̂(s) and T̂(s) of scattered light, per unit of light that entered.
+    """R̂(s) and T̂(s) of scattered light, per unit of light that entered; `ballistic` is the rest.
+
+    R⁻ and T⁻, of light from below, are those of the stack `upside_down`.
 
     `s` [1/mm] decides dtype and device; whole numbers count as float64. `material`: a stack, layer, medium,
     or the rows of a table. `incidence`: diffuse, normal or an angle outside [rad]. `scattering`: total,

@@ -20,16 +20,18 @@ NODES_WIDE = 3  # ... and where it comes in at grazing, too
 NODES_FINE = 8  # ... where it is told how much thin slabs take of it: .3 % off
 
 
-def incidence_directions(incidence: Incidence, eta: float) -> tuple[tuple[float, float], ...]:
+def incidence_directions(
+    incidence: Incidence, eta: float, nodes: int | None = None
+) -> tuple[tuple[float, float], ...]:
     """Cosines of the refracted light in the medium, and their shares, which sum to 1.
 
-    Diffuse light: Gauss nodes of the distribution of the flux that enters. Raises DomainError: for
-    other names, and angles outside 0..π/2.
+    Diffuse light: Gauss nodes, few unless told, of the distribution of the flux that enters.
+    Raises DomainError: for other names, and angles outside 0..π/2.
     """
     if incidence == "normal":
         return ((1.0, 1.0),)
     if incidence == "diffuse":
-        return _entered(eta, NODES if eta >= 1.2 else NODES_WIDE)
+        return _entered(eta, nodes or (NODES if eta >= 1.2 else NODES_WIDE))
     angle = math.nan if isinstance(incidence, str | None) else number("incidence", incidence)
     if not 0 <= angle <= math.pi / 2:
         raise DomainError(

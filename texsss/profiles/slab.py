@@ -154,12 +154,18 @@ def _lost(layers, directions):
     shares = []
     for cosine, share in directions:
         top, bottom = mirrors([layer.eta for layer in layers], cosine)
-        slant = [layer.sigma * layer.d / refracted(cosine, layers[0].eta, layer.eta) for layer in layers]
-        tau = added(slant).clamp_max(FAR)
+        tau = crossed(layers, cosine)
         through = torch.exp(-tau)
         gain = share / (1 - top * bottom * through**2)
         shares.append(gain * -torch.expm1(-tau) * (1 + bottom * through))
     return added(shares)
+
+
+@no_type_check
+def crossed(layers, cosine):
+    """Optical depth of all layers, of a finite last one, along a ray at `cosine` in the first; (1, N)."""
+    slant = [layer.sigma * layer.d / refracted(cosine, layers[0].eta, layer.eta) for layer in layers]
+    return added(slant).clamp_max(FAR)
 
 
 @no_type_check
