@@ -14,6 +14,7 @@ _HOMES = {
     "Layer": "media.stack",
     "Medium": "media.medium",
     "Pose": "surface.pose",
+    "RadialProfile": "profiles.radial",
     "Scene": "scene",
     "ShapeError": "errors",
     "Stack": "media.stack",

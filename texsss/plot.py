@@ -13,7 +13,8 @@ STYLES = ("--", ":", "-.")
 def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] = ()) -> None:
     """Draws the result of `texsss.curve` into a PNG or SVG file.
 
-    Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 % of the light has come back.
+    Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 % of the light has come back. Beside
+    it the legend has mean free path and diffusion length of the outermost layer.
     Dots are what photons say, where they were asked; other models (`against`) are thin broken lines, and
     pale ones the sum of Gaussians.
     """
@@ -26,7 +27,7 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
         name, colour = CHANNELS[k] if len(channels) == 3 else ("grey", "#444444")
         radius = found["radius_mm"]["0.99"][k]
         positive = [value if value > 0 else float("nan") for value in values]
-        label = f"{name}: total {found['total'][k]:.3f}, 99 % within {radius:.3g} mm"
+        label = f"{name}: total {found['total'][k]:.3f}, 99 % within {radius:.3g} mm,\n{_lengths(found, k)}"
         axes.semilogy(found["r_mm"], positive, color=colour, linewidth=2, label=label)
         axes.axvline(radius, ymax=0.04, color=colour, linewidth=2)
         sums = [row[k] if row[k] > 0 else float("nan") for row in found["gaussians"]["reflectance_per_mm2"]]
@@ -45,10 +46,20 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
         axes.plot([], [], "o", color="#444444", markersize=3, label="Monte Carlo")
     axes.set_title(title, parse_math=False)
     axes.set(xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
-    axes.set_xlim(0, max(found["r_mm"]))
+    axes.set_xlim(0, 1.01 * max(found["r_mm"]))  # the last tick is whole
     last = [values[-1] for values in channels if values[-1] > 0]
     axes.set_ylim(bottom=0.3 * min(last) if last else None)  # Gaussians fall below all that matters
     axes.grid(True, which="major", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, fontsize="small")
     figure.savefig(path)
+
+
+def _lengths(found: dict, channel: int) -> str:
+    """Mean free path and diffusion length of a channel, in words."""
+    said = []
+    for name in ("mean_free_path", "diffusion_length"):
+        values = found[f"{name}_mm"]
+        value = values[channel if len(values) > 1 else 0]
+        said.append(f"{name.replace('_', ' ')} {'without end' if value is None else f'{value:.3g} mm'}")
+    return ", ".join(said)

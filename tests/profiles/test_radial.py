@@ -1,12 +1,16 @@
 """Profiles over distance, and how far light goes, against closed forms and sums of Gaussians."""
 
+import pytest
 import torch
 
+from texsss.errors import DomainError
 from texsss.media.medium import Medium
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles.dipole import dipole, egan_A
 from texsss.profiles.fit import fit_gaussians
+from texsss.profiles.hankel import hankel_profiles
+from texsss.profiles.multipole import multipole_slab
 from texsss.profiles.radial import RadialProfile
 
 
@@ -24,6 +28,23 @@ def test_the_dipole_and_its_radii():
             d = torch.hypot(profile.radius(share), z)
             left = left + skin.albedo_prime / 2 * z / d * torch.exp(-skin.sigma_tr_classical * d)
         torch.testing.assert_close(left, (1 - share) * profile.total, rtol=1e-4, atol=0)
+
+
+def test_what_passes_a_slab_at_a_distance():
+    """T(r) against 40 poles; what is left of the rows of poles is 1e-9 of the light."""
+    slab = Stack([Layer(Medium(0.05, [1.0, 1.4, 2.0], 0.0, 1.4), 1.5)])
+    profile = RadialProfile(slab, model="multipole", side="transmittance")
+    r = torch.tensor([0.01, 0.3, 2.0, 6.0], dtype=torch.float64)
+    _, T = multipole_slab(r, slab.table(), pairs=20)
+    torch.testing.assert_close(profile.evaluate(r), T, rtol=1e-5, atol=1e-8)
+    torch.testing.assert_close(
+        profile.total, hankel_profiles(slab, torch.zeros(1), model="multipole")[1][0], check_dtype=False
+    )
+
+
+def test_maps_are_no_single_profile():
+    with pytest.raises(DomainError, match=r"uniform material, got maps of \(2, 3\); take the mean"):
+        RadialProfile(Layer(preset("skin1"), torch.rand(2, 3)))
 
 
 def test_a_sum_of_many_gaussians_is_the_profile():

@@ -55,7 +55,7 @@ def test_ladders_depend_on_geometry_alone():
 @pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])
 @pytest.mark.parametrize(("texel", "extent"), [(0.2, 300.0), (0.6, 450.0)])
 def test_projection_holds_profiles_to_a_percent(model, texel, extent):
-    """8 terms over tops of .05 to 8 mm, in the metric of d'Eon et al. 2007; measured .3 to 1 %."""
+    """8 terms over tops of .05 to 8 mm, in the metric of d'Eon et al. 2007; measured .2 to .64 %."""
     thickness = torch.logspace(-1.3, 0.9, 25, dtype=torch.float64)[None]
     stack = Stack([Layer(Medium(0.01, 1.0, 0.0, 1.4), thickness), Layer(Medium(0.3, 1.5, 0.0, 1.4))])
     ladder = variance_ladder(texel, extent, 8)
@@ -65,7 +65,7 @@ def test_projection_holds_profiles_to_a_percent(model, texel, extent):
     fitted = GaussianSum(ladder, project(R, R0[..., 0, :], ladder))
     dense, ds = graded(300, torch.pi / texel, 6.0)
     error = radial_error(fitted, hankel_profiles(stack, dense, model=model)[0], dense, ds)
-    assert float(error.max()) < 0.012, error
+    assert float(error.max()) < 0.007, error
     torch.testing.assert_close(fitted.total, R0[..., 0, :], rtol=1e-12, atol=0)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import scipy  # its parts are loaded where they are first used
 import torch
 
+from texsss.errors import DomainError
 from texsss.numerics.hankel import inverse_hankel, within
 from texsss.profiles.bands import extinction
 from texsss.profiles.hankel import Material, as_table, flat_profile
@@ -21,14 +22,27 @@ FINE = 100
 
 
 class RadialProfile:
-    """R(r) of a uniform material, by `model`, and how far light goes; float64, not differentiable.
+    """R(r) of a uniform material, or T(r), by `side`, and how far light goes; float64, not differentiable.
 
-    `material`: a stack, layer or medium without maps.
+    `material`: a stack, layer or medium without maps. Light that is never scattered (`ballistic`) is not in
+    it. Raises DomainError: for maps, and unknown names.
     """
 
-    def __init__(self, material: Material, *, model: str, incidence: Incidence = "diffuse"):
+    def __init__(
+        self,
+        material: Material,
+        *,
+        model: str = "layered-sp3",
+        incidence: Incidence = "diffuse",
+        side: str = "reflectance",
+    ):
         table = as_table(material, torch.float64)
-        options: dict[str, Any] = {"side": "reflectance", "model": model, "incidence": incidence}
+        if table.batch.numel() > 1:
+            raise DomainError(
+                f"RadialProfile: expected a uniform material, got maps of {tuple(table.batch)}; take the "
+                "mean of each, or hankel_profiles, which knows every texel."
+            )
+        options: dict[str, Any] = {"side": side, "model": model, "incidence": incidence}
         self._path = 1 / float(extinction(table).max())
         count = (HIGHEST - LOWEST) * PER_DECADE + 1
         s = torch.logspace(LOWEST, HIGHEST, count, dtype=torch.float64) / self._path
@@ -37,7 +51,7 @@ class RadialProfile:
 
     @property
     def total(self) -> Float[Tensor, " C"]:
-        """R̂(0)."""
+        """R̂(0), or T̂(0)."""
         return self._sampled[1][0]
 
     @cached_property
@@ -46,17 +60,17 @@ class RadialProfile:
         return scipy.interpolate.CubicSpline(s.log().numpy(), R.numpy())
 
     def hankel(self, s: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
-        """R̂(s) at frequencies `s` > 0 [1/mm]; beyond what was sampled as 1/s, as of light scattered once."""
+        """R̂(s) or T̂(s), `s` > 0 [1/mm]; beyond what was sampled as 1/s, as single scattering."""
         low, high = self._ends
         R = torch.from_numpy(self._spline(s.clamp(low, high).log().numpy()))
         return R * (high / s.clamp_min(high))[:, None]
 
     def evaluate(self, r: Float[Tensor, " R"]) -> Float[Tensor, "R C"]:
-        """R(r) at distances `r` > 0 [mm], in 1/mm²."""
+        """R(r) or T(r) at distances `r` > 0 [mm], in 1/mm²."""
         return inverse_hankel(self.hankel, r)
 
     def radius(self, share: float = 0.99) -> Float[Tensor, " C"]:
-        """Distance within which `share` of the light comes back [mm]; 0 where none does."""
+        """Distance within which `share` of this light leaves [mm]; 0 where none does."""
         logarithm, within_them = self._cumulated
         wanted = share * self.total.numpy()
         found = [np.interp(one, inside, logarithm) for one, inside in zip(wanted, within_them.T, strict=True)]
