@@ -124,9 +124,12 @@ __attribute__((noinline)) static void some_down(int64_t first, int64_t last, con
 // Means of rows of three columns; a fourth number that is read is the next row's
 static void colour_means(int64_t first, int64_t last, const int32_t* start, const int32_t* column, const float* value,
                          int64_t covered, const int64_t* address, int64_t groups) {
-  for (int64_t i = first; i < last; i++)
-    for (int64_t g = 0; g < groups; g++) {
+  for (int64_t g = 0; g < groups; g++)  // one after the other: several would not fit into the cache
+    for (int64_t i = first; i < last; i++) {
       float* copy = (float*)address[g];
+      if (i + 16 < last)
+        for (int64_t p = start[i + 16], end = start[i + 17]; p < end; p++)
+          __builtin_prefetch(copy + 3 * int64_t(column[p]));
       Four sum{};
       for (int64_t p = start[i], end = start[i + 1]; p < end; p++)
         sum += value[p] * loaded<Four>(copy + 3 * int64_t(column[p]));
