@@ -21,7 +21,7 @@ STAGE_VERSIONS = {
     "sites": 1,
     "curvature": 1,
     "light": 5,
-    "operators": 9,
+    "operators": 10,
     "doubts": 1,
     "bank": 1,
     "thickness": 2,

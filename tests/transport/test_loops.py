@@ -7,7 +7,7 @@ from squares import ball, lit
 from texsss.errors import DomainError
 from texsss.numerics import native
 from texsss.numerics.sparse import starts
-from texsss.transport import loops
+from texsss.transport import loops, smoothing
 from texsss.transport.bricks import blur_of
 from texsss.transport.kernels import STRIP
 from texsss.transport.lattice import lattice
@@ -74,6 +74,16 @@ def test_gradients_need_not_lie_in_memory_as_the_copies_do(made, channels):
         torch.testing.assert_close(made_of, expected, rtol=2e-6, atol=1e-6)
 
 
+def test_kernels_are_made_some_rows_at_a_time(made, monkeypatch):
+    """Where all pairs would take too much memory: the same bytes."""
+    monkeypatch.setattr(smoothing, "PAIRS", 20_000)
+    parts = surface_operators(ball(64), LADDER)
+    for step, other in zip(made.steps, parts.steps, strict=True):
+        assert step.weight.numel() > 20_000
+        assert torch.equal(step.start, other.start) and torch.equal(step.distance, other.distance)
+        assert torch.equal(step.weight, other.weight) and torch.equal(step.share, other.share)
+
+
 def test_making_them_is_what_torch_makes(made, monkeypatch):
     monkeypatch.setattr(loops, "library", lambda source, macros: None)
     plain = surface_operators(ball(64), LADDER)
@@ -112,7 +122,7 @@ def test_a_loop_that_gets_no_memory_says_what_to_do():
     assert found is not None
     columns = 1 << 59  # ends of as many ranges
     with pytest.raises(DomainError, match="smaller atlas"):
-        loops.call(found.pairs, 3, key, *[None] * 4, columns, None, 0, 1.0, *[None] * 4)
+        loops.call(found.pairs, 3, key, key, *[None] * 3, columns, None, 0, 1.0, 0, 3, *[None] * 5)
 
 
 def test_more_entries_than_indices_count_are_refused():

@@ -6,8 +6,8 @@ import torch
 
 from texsss.surface.points import TexelMaps
 from texsss.transport.gutter import BYTES as gutter_bytes
-from texsss.transport.operators import LATTICE_FROM, edge_for, fine_texel
-from texsss.transport.smoothing import REACH
+from texsss.transport.operators import edge_for, fine_texel, lattice_from
+from texsss.transport.smoothing import PAIRS, REACH
 from texsss.types import Bool, Float, Tensor
 
 # bytes, measured on heads in the author's and our own atlas of 512² to 4096² texels
@@ -31,19 +31,20 @@ def affordable(
     """Which Gaussians have surface operators within `budget_bytes`: the widest, as far as it goes.
 
     Seams show the more the wider the Gaussian. Variances of 0 cost nothing. An upper bound for evenly
-    sized texels, what building takes included: pairs of a kernel are gone before there are lattices.
+    sized texels, what building takes included: what a kernel is made of is gone before there are lattices.
     Where sheets lie together, or texels at one place, some of them tell how many are within reach.
     """
     count, texel = max(texels.covered_count, 1), fine_texel(texels)
     mean = float(texels.area.sum()) / count / texel**2  # area of a texel, in fine ones
     left = budget_bytes - (len(texels) - texels.covered_count) * gutter_bytes
-    narrow = [REACH * float(v) ** 0.5 for v in variances if 0 < float(v) ** 0.5 < LATTICE_FROM * texel]
+    wide = lattice_from(texels)
+    narrow = [REACH * float(v) ** 0.5 for v in variances if 0 < float(v) ** 0.5 < wide]
     near = dict(zip(narrow, _near(texels, narrow), strict=True))
     kernels, pairs, lattices, making = 0.0, 0.0, 0.0, 0.0
     fits = torch.zeros(len(variances), dtype=torch.bool)
     for k in torch.argsort(variances, descending=True).tolist():
         deviation = float(variances[k]) ** 0.5 / texel
-        if deviation >= LATTICE_FROM:
+        if deviation * texel >= wide:
             nodes = mean / edge_for(deviation, 1.0, count) ** 2
             first, nodes = min(MOST_NODES, FIRST_NODES * nodes), min(MOST_NODES, NODES * nodes)
             # of all but the finest lattice, nodes are points of the way to the next one
@@ -52,7 +53,8 @@ def affordable(
         elif deviation > 0:
             around = max(math.pi * (REACH * deviation) ** 2, near[REACH * float(variances[k]) ** 0.5])
             kernels += KERNEL_TEXEL + KERNEL_ENTRY * around
-            pairs = max(pairs, PAIR * CROWDED * around)
+            # some pairs at once, then the parts of a kernel until it is whole
+            pairs = max(pairs, min(PAIR * CROWDED * around, PAIR * PAIRS / count), KERNEL_ENTRY * around)
         taken = TEXEL + kernels + max(pairs, lattices + making) if deviation > 0 else 0.0
         fits[k] = taken * count <= left
     return fits

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 
 from texsss.numerics.sparse import starts
 from texsss.transport.loops import call, making
-from texsss.types import Cancel, Float, Int, Tensor, check_cancelled
+from texsss.types import Bool, Cancel, Float, Int, Tensor, check_cancelled
 
 PAIRS = 1 << 19  # candidate pairs looked at once: temporaries stay in the cache
 KEY = 1 << 20  # voxels per axis that one key holds
@@ -121,20 +122,7 @@ class Neighbourhood:
 
 
 def neighbourhood(points: Float[Tensor, "P 3"], radius: float, cancel: Cancel | None = None) -> Neighbourhood:
-    """All pairs of points closer than `radius` [mm]. Raises Cancelled."""
-    found = making(points)
-    if found is not None:
-        grid = _grid(points, points.amin(0), radius)
-        check_cancelled(cancel)
-        args = len(points), grid.key, grid.order, *grid.axes, len(grid.offset), grid.offset, grid.steps
-        count = torch.empty(len(points), dtype=torch.int32)
-        call(found.pairs, *args, radius**2, count, None, None, None)
-        check_cancelled(cancel)
-        start = starts(count)
-        column = torch.empty(int(start[-1]), dtype=torch.int32)
-        squared = torch.empty(int(start[-1]))
-        call(found.pairs, *args, radius**2, None, start, column, squared)
-        return Neighbourhood(start, column, squared)
+    """All pairs of points closer than `radius` [mm], by torch. Raises Cancelled."""
     counts, columns, squares = [], [], []
     for pairs in pairs_within(points, points, radius):
         check_cancelled(cancel)
@@ -142,6 +130,41 @@ def neighbourhood(points: Float[Tensor, "P 3"], radius: float, cancel: Cancel | 
         columns.append(pairs.column)
         squares.append(pairs.squared)
     return Neighbourhood(starts(torch.cat(counts)), torch.cat(columns), torch.cat(squares))
+
+
+class Search:
+    """The same by loops in C++, for some points at a time: all pairs may be more than fit into memory."""
+
+    def __init__(self, points: Float[Tensor, "P 3"], radius: float):
+        found = making(points)
+        assert found is not None, "there are loops"
+        grid = _grid(points, points.amin(0), radius)
+        around = len(grid.offset), grid.offset, grid.steps, radius**2
+        self.found, self.args = found, (len(points), grid.key, grid.order, *grid.axes, *around)
+        self.count = self._counted(slice(0, len(points)), None)
+
+    def blocks(self, pairs: int, rows: int) -> list[slice]:
+        """Consecutive points, multiples of `rows`, that have about so many pairs at the most."""
+        ends, found = self.count.cumsum(0), [0]
+        while found[-1] < len(ends):
+            before = int(ends[found[-1] - 1]) if found[-1] else 0
+            end = int(torch.searchsorted(ends, before + pairs, right=True))
+            if end < len(ends):
+                end = min(max(end // rows * rows, found[-1] + rows), len(ends))
+            found.append(end)
+        return [slice(*ends) for ends in pairwise(found)]
+
+    def within(self, rows: slice, asked: Bool[Tensor, " rows"] | None = None) -> Neighbourhood:
+        """What is around the points of `rows`; where some are `asked` for, around these."""
+        start = starts(self.count[rows] if asked is None else self._counted(rows, asked))
+        column, squared = torch.empty(int(start[-1]), dtype=torch.int32), torch.empty(int(start[-1]))
+        call(self.found.pairs, *self.args, rows.start, rows.stop, asked, None, start, column, squared)
+        return Neighbourhood(start, column, squared)
+
+    def _counted(self, rows: slice, asked: Tensor | None) -> Int[Tensor, " rows"]:
+        count = torch.zeros(rows.stop - rows.start, dtype=torch.int32)
+        call(self.found.pairs, *self.args, rows.start, rows.stop, asked, count, None, None, None)
+        return count
 
 
 def spread_around(

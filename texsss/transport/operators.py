@@ -27,7 +27,7 @@ from texsss.transport.smoothing import smoothing
 from texsss.transport.stencil import VARIANCE
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
-LATTICE_FROM = 1.6  # texels; standard deviation from which Gaussians go over lattices
+LATTICE_FROM = 2.3  # even texels; standard deviation from which Gaussians go over lattices
 TRACE = 1e-6  # of a texel: the weight of one on a face without area
 EDGES = 0.9, 1.6  # of a lattice per standard deviation, at the least: of MANY texels and more, and of few
 MANY = 650_000
@@ -179,7 +179,7 @@ def surface_operators(
         )
     ladder = sorted({float(v) for v in variances if v > 0})
     builder = _Builder(texels, len(ladder), progress, cancel)
-    wide = (LATTICE_FROM * builder.typical) ** 2
+    wide = lattice_from(texels) ** 2
     for variance in ladder:
         if variance < wide:
             builder.add_step(variance)
@@ -193,6 +193,17 @@ def fine_texel(texels: TexelMaps) -> float:
     area = texels.area[texels.area > 0].detach()
     harmonic = float((1 / area.double()).mean().rsqrt()) if len(area) else 0.0
     return max(min(texels.texel_mm, harmonic), 1e-30)
+
+
+def lattice_from(texels: TexelMaps) -> float:
+    """Standard deviation [mm] from which lattices take less time than sums over texels.
+
+    These cost texels × deviation², and nodes are as many as area / deviation²: of uneven texels, small ones
+    are many for the area that they cover.
+    """
+    fine, count = fine_texel(texels), max(texels.covered_count, 1)
+    uneven = float(texels.area.sum()) / count / fine**2
+    return LATTICE_FROM * fine * max(uneven, 1.0) ** 0.25
 
 
 def edge_for(deviation: float, texel: float, texels: int) -> float:

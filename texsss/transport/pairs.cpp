@@ -98,11 +98,16 @@ extern "C" {
 // Each says whether there was memory for what it needed
 
 // Points in the order of their voxels' `key`; x, y, z are sorted so too, `order` says which each is. `offset`:
-// from a voxel to the `columns` around it, each a run of keys 2·`steps` + 1 long. Fills `count`, or, where that
-// is null, `column` and `squared` from `start` on.
+// from a voxel to the `columns` around it, each a run of keys 2·`steps` + 1 long. For the points from `begin` to `end`,
+// of these those that are `asked` for where that is not null: fills `count`, or, where that is null, `column` and
+// `squared` from `start` on. All of these begin with the first such point.
 bool pairs(int64_t points, const int64_t* key, const int32_t* order, const float* x, const float* y, const float* z,
-           int64_t columns, const int64_t* offset, int64_t steps, float radius_squared, int32_t* count,
-           const int32_t* start, int32_t* column, float* squared, int64_t threads) {
+           int64_t columns, const int64_t* offset, int64_t steps, float radius_squared, int64_t begin, int64_t end,
+           const uint8_t* asked, int32_t* count, const int32_t* start, int32_t* column, float* squared,
+           int64_t threads) {
+  const auto wanted = [=](int64_t point) {
+    return point >= begin && point < end && (!asked || asked[point - begin]);
+  };
   std::vector<int64_t> voxels;
   if (!parallel(1, 1, [&](int64_t, int64_t) { voxels = voxels_of(key, points); })) return false;
   return parallel(int64_t(voxels.size()) - 1, threads, [&](int64_t first, int64_t last) {
@@ -110,10 +115,12 @@ bool pairs(int64_t points, const int64_t* key, const int32_t* order, const float
     std::vector<int32_t> near;
     std::vector<float> away;
     for (int64_t v = first; v < last; v++) {
+      if (std::none_of(order + voxels[v], order + voxels[v + 1], wanted)) continue;
       const int64_t candidates = around.of(key[voxels[v]]);
       const auto &low = around.low, &high = around.high;
       if (int64_t(near.size()) < candidates) near.resize(candidates), away.resize(candidates);
       for (int64_t i = voxels[v]; i < voxels[v + 1]; i++) {
+        if (!wanted(order[i])) continue;
         int64_t found = 0;
         if (count) {  // on its own, as it becomes vectors
           for (int64_t c = 0; c < columns; c++)
@@ -121,7 +128,7 @@ bool pairs(int64_t points, const int64_t* key, const int32_t* order, const float
               const float a = x[j] - x[i], b = y[j] - y[i], d = z[j] - z[i];
               found += a * a + b * b + d * d < radius_squared;
             }
-          count[order[i]] = int32_t(found);
+          count[order[i] - begin] = int32_t(found);
           continue;
         }
         for (int64_t c = 0; c < columns; c++)
@@ -130,7 +137,7 @@ bool pairs(int64_t points, const int64_t* key, const int32_t* order, const float
             near[found] = int32_t(j), away[found] = distance;
             found += distance < radius_squared;
           }
-        const int64_t to = start[order[i]];
+        const int64_t to = start[order[i] - begin];
         for (int64_t n = 0; n < found; n++) column[to + n] = order[near[n]], squared[to + n] = away[n];
       }
     }
@@ -174,16 +181,16 @@ bool spread(int64_t points, const int64_t* key, const int32_t* order, const floa
   });
 }
 
-// Per row that is `asked` for: the sum of weights, and of weights times squared distances, over the pairs that
-// `reach` keeps
-bool moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int32_t* column, const float* squared,
-             const float* widest, float reach, const float* sharpness, const float* area, float* sum, float* moment,
-             int64_t threads) {
-  return parallel(rows, threads, [=](int64_t first, int64_t last) {
+// Per row from `begin` to `end` that is `asked` for: the sum of weights, and of weights times squared distances, over
+// the pairs that `reach` keeps. All but what points have begin with the first one.
+bool moments(int64_t begin, int64_t end, const uint8_t* asked, const int32_t* start, const int32_t* column,
+             const float* squared, const float* widest, float reach, const float* sharpness, const float* area,
+             float* sum, float* moment, int64_t threads) {
+  return parallel(end - begin, threads, [=](int64_t first, int64_t last) {
     std::vector<float> weight;
-    for (int64_t i = first; i < last; i++) {
-      if (!asked[i]) continue;
-      const int64_t from = start[i], n = start[i + 1] - from;
+    for (int64_t i = begin + first; i < begin + last; i++) {
+      if (!asked[i - begin]) continue;
+      const int64_t from = start[i - begin], n = start[i - begin + 1] - from;
       if (int64_t(weight.size()) < n) weight.resize(n);
       float* w = weight.data();
       const float own = sharpness[i], kept = widest[i];
@@ -194,31 +201,33 @@ bool moments(int64_t rows, const uint8_t* asked, const int32_t* start, const int
       }
       float total = 0, second = 0;
       for (int64_t k = 0; k < n; k++) total += w[k], second += w[k] * squared[from + k];
-      sum[i] = total, moment[i] = second;
+      sum[i - begin] = total, moment[i - begin] = second;
     }
   });
 }
 
-// Weights of 0 to `whole` of those pairs. Fills the count of diagonals of every strip of rows: distances between
-// points; or, where that is null, entries from `start` on (their weights 0 so far) and the `total` of weight × area.
-bool entries(int64_t rows, const int32_t* from, const int32_t* point, const float* squared, const float* widest,
-             float reach, const float* sharpness, const float* area, float whole, int32_t* diagonals,
-             const int32_t* start, int32_t* distance, uint8_t* weight, float* total, int64_t threads) {
-  const int64_t strips = (rows + STRIP - 1) / STRIP;
+// Weights of 0 to `whole` of those pairs, in the rows from `begin`, where a strip begins, to `end`; `from` is theirs.
+// Fills the count of diagonals of every strip of rows: distances between points; or, where that is null, entries from
+// `start` on (their weights 0 so far) and the `total` of weight × area of each row.
+bool entries(int64_t begin, int64_t end, const int32_t* from, const int32_t* point, const float* squared,
+             const float* widest, float reach, const float* sharpness, const float* area, float whole,
+             int32_t* diagonals, const int32_t* start, int32_t* distance, uint8_t* weight, float* total,
+             int64_t threads) {
+  const int64_t strips = (end - begin + STRIP - 1) / STRIP;
   return parallel(strips, threads, [=](int64_t first, int64_t last) {
     Distances seen;
     for (int64_t s = first; s < last; s++) {
-      const int64_t top = s * STRIP, end = std::min(rows, top + STRIP);
-      seen.clear(from[end] - from[top]);
-      if (!diagonals) std::fill(total + top, total + end, 0.0f);
-      for (int64_t i = top; i < end; i++)
-        for (int64_t k = from[i]; k < from[i + 1]; k++) {
+      const int64_t top = begin + s * STRIP, bottom = std::min(end, top + STRIP);
+      seen.clear(from[bottom - begin] - from[top - begin]);
+      if (!diagonals) std::fill(total + top - begin, total + bottom - begin, 0.0f);
+      for (int64_t i = top; i < bottom; i++)
+        for (int64_t k = from[i - begin]; k < from[i - begin + 1]; k++) {
           const int64_t j = point[k];
           if ((widest[i] + widest[j]) * squared[k] >= reach) continue;
           const int32_t place = seen.place(int32_t(j - i));
           if (diagonals) continue;
           const float w = std::floor(whole * decay(-0.5f * (sharpness[i] + sharpness[j]) * squared[k]) + 0.5f);
-          total[i] += w * area[j];
+          total[i - begin] += w * area[j];
           distance[start[s] + place] = int32_t(j - i);
           weight[int64_t(start[s] + place) * STRIP + i - top] = uint8_t(w);
         }

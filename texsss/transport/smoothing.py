@@ -9,7 +9,7 @@ import torch
 from texsss.numerics.sparse import starts
 from texsss.transport.kernels import STRIP, WHOLE, Kernel, kernel_of
 from texsss.transport.loops import call, making
-from texsss.transport.neighbours import Neighbourhood, neighbourhood
+from texsss.transport.neighbours import Neighbourhood, Search, neighbourhood
 from texsss.types import Cancel, Float, Int, Tensor, check_cancelled, chunks
 
 REACH = 2.8  # the kernel ends at this many standard deviations; its variance is right all the same
@@ -18,6 +18,7 @@ ROUNDS = 2  # of correcting widths
 COARSE = 0.6  # of a distance; narrower deviations are corrected, as samples miss the variance of no others
 NARROW = 0.35  # of a distance²: narrower variances reach the next points hardly at all
 ROWS = 1 << 14  # worked on at once: temporaries stay in the cache
+PAIRS = 1 << 25  # about as many are held at once by loops
 
 
 def smoothing(
@@ -34,10 +35,10 @@ def smoothing(
     """
     typical = float(edge.median())
     widest = 0.5 / sampled_width(variance, edge.clamp_max(UNEVEN * typical))
-    around = neighbourhood(place, REACH / math.sqrt(2 * float(widest.min())), cancel)
+    radius = REACH / math.sqrt(2 * float(widest.min()))
     coarse = variance < (COARSE * edge) ** 2
     kind = _Looped if making(area, edge) is not None else _Listed
-    pairs, sharpness = kind(around, area, widest, cancel), widest
+    pairs, sharpness = kind(place, radius, area, widest, cancel), widest
     for _ in range(ROUNDS if bool(coarse.any()) else 0):
         check_cancelled(cancel)
         sums, moments = pairs.moments(sharpness, coarse)
@@ -48,37 +49,59 @@ def smoothing(
 
 
 class _Looped:
-    """The pairs that a kernel of sharpness `widest` reaches, as loops in C++ take them."""
+    """The pairs within reach of a kernel of `widest` sharpness: loops in C++ take some rows at a time."""
 
-    def __init__(self, around: Neighbourhood, area: Tensor, widest: Tensor, cancel: Cancel | None):
-        self.area, self.found = area, making(area)
-        self.pairs = around.start, around.column, around.squared, widest, float(REACH**2)
+    def __init__(self, place: Tensor, radius: float, area: Tensor, widest: Tensor, cancel: Cancel | None):
+        self.area, self.widest, self.found, self.cancel = area, widest, making(area), cancel
+        self.search = Search(place, radius)
+        self.blocks = self.search.blocks(PAIRS, STRIP)
+        self.held: Neighbourhood | None = None
 
     def moments(self, sharpness: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
         """Sums of weight × area, and of that times the squared distance, of rows `asked` for; else 0."""
         assert self.found is not None
         sums, moments = torch.zeros(2, *sharpness.shape).unbind(0)
-        call(self.found.moments, len(asked), asked, *self.pairs, sharpness, self.area, sums, moments)
+        for rows in self.blocks:
+            pairs = self._pairs(rows, asked[rows])
+            args = rows.start, rows.stop, asked[rows], *pairs, sharpness, self.area, sums[rows], moments[rows]
+            call(self.found.moments, *args)
         return sums, moments
 
     def kernel(self, sharpness: Tensor) -> Kernel:
         """The kernel of that sharpness."""
+        total = torch.empty_like(self.area)
+        parts = [self._entries(rows, sharpness, total[rows]) for rows in self.blocks]
+        self.held = None  # its memory is needed
+        diagonals, distance, weight = (torch.cat(part) for part in zip(*parts, strict=True))
+        return Kernel(starts(diagonals), distance, weight, self.area, 1 / total)
+
+    def _entries(self, rows: slice, sharpness: Tensor, total: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """How many diagonals the strips of some rows have, their distances and weights; fills `total`."""
         assert self.found is not None
-        args = len(sharpness), *self.pairs, sharpness, self.area, float(WHOLE)
-        diagonals = torch.empty(-(-len(sharpness) // STRIP), dtype=torch.int32)
+        args = rows.start, rows.stop, *self._pairs(rows, None), sharpness, self.area, float(WHOLE)
+        diagonals = torch.empty(-(-(rows.stop - rows.start) // STRIP), dtype=torch.int32)
         call(self.found.entries, *args, diagonals, None, None, None, None)
-        start, total = starts(diagonals), torch.empty_like(self.area)
+        start = starts(diagonals)
         distance = torch.empty(int(start[-1]), dtype=torch.int32)
         weight = torch.zeros(len(distance), STRIP, dtype=torch.uint8)
         call(self.found.entries, *args, None, start, distance, weight, total)
-        return Kernel(start, distance, weight, self.area, 1 / total)
+        return diagonals, distance, weight
+
+    def _pairs(self, rows: slice, asked: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
+        """What loops take of the pairs around some rows."""
+        check_cancelled(self.cancel)
+        if self.held is None or len(self.blocks) > 1:
+            self.held = None  # its memory is needed
+            self.held = self.search.within(rows, asked if len(self.blocks) > 1 else None)
+        return self.held.start, self.held.column, self.held.squared, self.widest, float(REACH**2)
 
 
 class _Listed:
     """The same by torch, some rows at a time."""
 
-    def __init__(self, around: Neighbourhood, area: Tensor, widest: Tensor, cancel: Cancel | None):
+    def __init__(self, place: Tensor, radius: float, area: Tensor, widest: Tensor, cancel: Cancel | None):
         self.area, self.cancel = area, cancel
+        around = neighbourhood(place, radius, cancel)
         self.near = [_near(around, widest, rows) for rows in _rows(area, cancel)]
 
     def moments(self, sharpness: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
