@@ -1,9 +1,9 @@
 """Layers that hardly scatter: light crosses them straight, which diffusion does not know.
 
 Diffusion spreads light along a layer by D = μ² / σ, as if it came free paths from all around. In a layer that
-is thinner than that it comes from the layers about it, or from a face that mirrors it. What crosses on its way
-to an outer face is no diffusion at all (`straight`). Nor do such films hold back light by their own index: at
-which angles it gets out is decided where it last scattered.
+is thinner than that it comes from the layers about it, or from a face that mirrors it. What crosses on its
+way to an outer face is no diffusion at all (`straight`). Nor do such films hold back light by their own
+index: at which angles it gets out is decided where it last scattered.
 """
 
 from typing import NamedTuple, no_type_check
@@ -15,7 +15,7 @@ from texsss.profiles.slab import FAR, TINY, added
 from texsss.types import Tensor
 
 SLANT = 2.0  # path over thickness of what spreads most: 1.5 to 3 are alike, 6 isolates faint films
-OWN = 3.0  # a layer makes 1 - e^-(3 σ d) of a face its own: 2 to 4 are alike
+OWN = 4.0  # a layer makes 1 - e^-(4 σ d) of a face its own: 3 to 4 are alike
 
 
 class Scattered(NamedTuple):
@@ -54,8 +54,12 @@ def last_scattered(layers):
     squared = let_out = 1.0
     if len({layer.eta for layer in layers}) > 1:
         own = admittance(first.eta)
-        squared = added([x * (layer.eta / first.eta) ** 2 for x, layer in zip(shares, layers)]) / whole
-        let_out = added([x * (admittance(layer.eta) / own) for x, layer in zip(shares, layers)]) / whole
+        squared = (
+            added([x * (layer.eta / first.eta) ** 2 for x, layer in zip(shares, layers)]) + TINY
+        ) / whole
+        let_out = (
+            added([x * (admittance(layer.eta) / own) for x, layer in zip(shares, layers)]) + TINY
+        ) / whole
     return Scattered(dense / whole, added(apart) / (OWN * dense), squared, let_out)
 
 

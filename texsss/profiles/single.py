@@ -20,8 +20,8 @@ from texsss.profiles.slab import FAR, added, flipped, mirrors, refracted
 from texsss.types import Tensor
 
 NODES = 4
-# 1 - ∫_0^x J0 and J0 itself as damped oscillations, whose integral is 1 like that of J0: R̂1 beneath clear films
-# is within .05 of R̂1(0) on average, .09 at worst, and within .02 in scattering layers
+# 1 - ∫_0^x J0 and J0 itself as damped oscillations, whose integral is 1 like that of J0: R̂1 beneath clear
+# films is within .02 of R̂(0) for a beam
 _DAMPING = 0.45
 _TURN = math.sqrt(2 * _DAMPING - _DAMPING**2)
 LEAST = 1e-12  # frequency [1/mm]

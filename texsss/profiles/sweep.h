@@ -4,7 +4,7 @@
 
 #include "lights.h"
 
-constexpr float SLANT = 2, OWN = 3;  // films.py
+constexpr float SLANT = 2, OWN = 4;  // films.py
 
 struct Modes {
   double mu[2], b[2], gamma[2], delta[2], w[2];
@@ -59,7 +59,7 @@ struct Scattered {
     V per = inverse(whole);
     sigma = dense * per, away = apart * inverse(OWN * dense);
     if (alike) return;
-    squared = let_out = V{};
+    squared = let_out = TINY * per;
     for (int k = 0; k < L; k++) {
       const double step = layer(k).index.eta / own.eta;
       squared += shares[k] * per * float(step * step);

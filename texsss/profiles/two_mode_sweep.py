@@ -255,8 +255,9 @@ def _squared(carried, s2):
 def _at_face(face, s):
     """What a face loses and lets out of either mode.
 
-    A mode that loses b where it would lose B by a face that mirrors nothing comes back by ρ = (B - b) / (B + b).
-    Where it goes to the face and back straight, ρ fades, and so does what leaves on its way there.
+    A mode that loses b where it would lose B by a face that mirrors nothing comes back by
+    ρ = (B - b) / (B + b). Where it goes to the face and back straight, ρ fades, and so does what leaves on
+    its way there.
     """
     u = s / face.sigma
     x = u * u
