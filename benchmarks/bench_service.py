@@ -30,7 +30,7 @@ def served(**settings: object) -> Iterator[tuple[httpx.Client, dict[str, float]]
     environment = os.environ | {f"TEXSSS_{name.upper()}": str(value) for name, value in given.items()}
     start = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", "texsss.cli", "serve"], env=environment, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "texsss", "serve"], env=environment, stderr=subprocess.DEVNULL
     )
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{given['port']}", timeout=300) as client:

@@ -62,7 +62,7 @@ def launch(folder: Path, name: str, **settings: object) -> Running:
     log = folder / f"{name}.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "texsss.cli", "serve"], cwd=folder, env=environment, stdout=out, stderr=out
+            [sys.executable, "-m", "texsss", "serve"], cwd=folder, env=environment, stdout=out, stderr=out
         )
     url, deadline = f"http://127.0.0.1:{port}", time.monotonic() + START_S
     while True:

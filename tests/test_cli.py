@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,13 @@ def texsss(tmp_path, monkeypatch, capfd):
         return Done(0 if code is None else int(code), *capfd.readouterr())
 
     return run
+
+
+def test_the_package_runs_and_says_its_version():
+    done = subprocess.run(
+        [sys.executable, "-m", "texsss", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"texsss {version('texsss')}\n"
 
 
 def test_installed_command_says_what_it_does():

@@ -30,7 +30,7 @@ def test_every_bad_file_is_baked_or_answered_in_one_sentence(bad_files):
 @pytest.mark.parametrize("name", WORST)
 def test_the_worst_by_the_command_line(bad_files, tmp_path, name):
     """In a process of its own: at most 2 GB, six files or one sentence and none."""
-    command = [sys.executable, "-m", "texsss.cli", "bake", "--size", "64", "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "texsss", "bake", "--size", "64", "--out", str(tmp_path / "out")]
     path = bad_files / name
     if not path.is_file():
         path = bad_files / "tex" / name

@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from texsss.io.sandbox import Sandbox
 
 app = typer.Typer(
-    help="Layered subsurface scattering in the texture space of a mesh.",
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -31,6 +31,23 @@ scene_app = typer.Typer(help="Scene files.")
 app.add_typer(scene_app, name="scene")
 
 EXIT_BAD_INPUT = 2
+
+
+def _say_version(asked: bool) -> bool:
+    if asked:
+        print(f"texsss {version('texsss')}")
+        raise typer.Exit()
+    return asked
+
+
+@app.callback()
+def texsss(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is."),
+    ] = False,
+) -> None:
+    """Layered subsurface scattering in the texture space of a mesh."""
 
 
 @app.command()
@@ -286,7 +303,3 @@ def main(arguments: list[str] | None = None) -> None:
     except typer.Abort:
         sys.exit(EXIT_INTERRUPTED)
     sys.exit(code or 0)
-
-
-if __name__ == "__main__":
-    main()
