@@ -9,8 +9,8 @@ from texsss.cache import Kept
 from texsss.errors import DomainError
 from texsss.hierarchy import Hierarchy
 from texsss.look import bumped, painted
+from texsss.material import SurfaceSpec
 from texsss.numerics.sampling import Texture
-from texsss.specs import SurfaceSpec
 from texsss.surface.points import Points
 from texsss.transport.bank import diffusion
 from texsss.transport.parallax import InnerLayer, opacity_from_photograph, shade_layers

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from texsss.specs import LIGHTS, Model
+from texsss.lamps import LIGHTS
+from texsss.specs import Model
 
 MAPS = ("albedo", "normal", "roughness", "specular", "map", "mask", "opacity", "base")
 """Fields that may name a map."""

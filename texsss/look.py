@@ -11,13 +11,13 @@ from texsss.light.beneath import leaving
 from texsss.light.emitters import Light
 from texsss.light.sites import dot
 from texsss.light.visibility import Occluder
+from texsss.material import SurfaceSpec
 from texsss.media.phase import schlick_k
 from texsss.media.stack import Stack
 from texsss.methods import MarchSpec
 from texsss.numerics.sampling import Texture
 from texsss.profiles.angular import Angular
 from texsss.resolve import Images
-from texsss.specs import SurfaceSpec
 from texsss.surface.curvature import curvature_at, shape_operators
 from texsss.surface.mesh import Mesh
 from texsss.surface.normal_map import mapped_normals

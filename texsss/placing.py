@@ -5,13 +5,7 @@ from pathlib import Path
 
 import torch
 
-from texsss.light.areas import RectangleLight, SphereLight
-from texsss.light.emitters import ConstantEnvironment, DirectionalLight, Light, PointLight, SpotLight
-from texsss.light.environment import ImageEnvironment
-from texsss.resolve import Images
-from texsss.scene import Scene
-from texsss.shots import CameraSpec
-from texsss.specs import (
+from texsss.lamps import (
     DirectionalSpec,
     EnvironmentSpec,
     LightSpec,
@@ -21,6 +15,12 @@ from texsss.specs import (
     SpotSpec,
     StudioSpec,
 )
+from texsss.light.areas import RectangleLight, SphereLight
+from texsss.light.emitters import ConstantEnvironment, DirectionalLight, Light, PointLight, SpotLight
+from texsss.light.environment import ImageEnvironment
+from texsss.resolve import Images
+from texsss.scene import Scene
+from texsss.shots import CameraSpec
 from texsss.surface.mesh import Mesh
 from texsss.view.camera import Camera, fit_camera
 

@@ -15,20 +15,14 @@ from texsss.io.files import read_bytes
 from texsss.io.images import MAX_PIXELS, read_image
 from texsss.io.meshes import MeshNotes, read_mesh, read_positions
 from texsss.io.sandbox import Sandbox
+from texsss.material import DepthsSpec, MapValue, Mix
 from texsss.media.depths import stack_from_depths
 from texsss.media.medium import Medium, mix
 from texsss.media.presets import PRESETS, preset
 from texsss.media.stack import Layer, Stack
 from texsss.numerics.sampling import resized
 from texsss.scene import Scene
-from texsss.specs import (
-    DepthsSpec,
-    MapSpec,
-    MapValue,
-    MeshSpec,
-    Mix,
-    Source,
-)
+from texsss.specs import MapSpec, MeshSpec, Source
 from texsss.surface.mesh import Mesh
 from texsss.surface.topology import edges
 from texsss.types import Float, Int, Tensor

@@ -14,24 +14,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from texsss.complaints import one_sentence
 from texsss.errors import AssetError, DomainError
+from texsss.lamps import EnvironmentSpec, LightSpec, StudioSpec
+from texsss.material import MapValue, MaterialField, MaterialSpec, MediumSpec, Mix
 from texsss.methods import MethodsSpec
 from texsss.shots import CameraSpec, OutputSpec
-from texsss.specs import (
-    AtlasSpec,
-    Count,
-    EnvironmentSpec,
-    LightSpec,
-    MapSpec,
-    MapValue,
-    MaterialField,
-    MaterialSpec,
-    MediumSpec,
-    MeshField,
-    MeshSpec,
-    Mix,
-    Model,
-    StudioSpec,
-)
+from texsss.specs import AtlasSpec, Count, MapSpec, MeshField, MeshSpec, Model
 
 SCHEMA_VERSION = 1
 

@@ -7,10 +7,10 @@ import torch
 from texsss import placing
 from texsss.cache import content_key
 from texsss.io.gltf import glb
+from texsss.lamps import StudioSpec
 from texsss.light.emitters import PointLight
 from texsss.media.fresnel import F_dt
 from texsss.pipeline import Run
-from texsss.specs import StudioSpec
 
 
 def model(run: Run) -> bytes:
