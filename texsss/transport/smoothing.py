@@ -72,7 +72,8 @@ class _Looped:
         total = torch.empty_like(self.area)
         parts = [self._entries(rows, sharpness, total[rows]) for rows in self.blocks]
         self.held = None  # its memory is needed
-        diagonals, distance, weight = (torch.cat(part) for part in zip(*parts, strict=True))
+        joined = parts[0] if len(parts) == 1 else [torch.cat(part) for part in zip(*parts, strict=True)]
+        diagonals, distance, weight = joined
         return Kernel(starts(diagonals), distance, weight, self.area, 1 / total)
 
     def _entries(self, rows: slice, sharpness: Tensor, total: Tensor) -> tuple[Tensor, Tensor, Tensor]:
