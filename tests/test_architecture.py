@@ -66,6 +66,7 @@ MAY_IMPORT = {
     "options": {"errors", "scene", "shorthand", "io"},
     "openmp": set(),
     "terminal": {"errors"},
+    "__main__": {"cli"},
     "cli": {
         "terminal",
         *("openmp", "baker", "compare", "result", "scene", "options", "plot", "types", "errors", "io"),
