@@ -17,7 +17,7 @@ is self-adjoint: Σ_j w_j D_j [χ_j ψ_j' - ψ_j χ_j'] = Σ_j w_j (χ_j B_j ψ_
 e_j ψ_j at 0.
 
 Along a layer that hardly scatters light spreads no farther than it flies: s² there is times σ and the mean
-path since the last scattering (`spread_aside`), and less where it sees a face.
+path since the last scattering (`spread_aside`).
 
 At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. The table is for the eta of the faces; inner
 indices must be equal.
@@ -45,14 +45,13 @@ MODES = {
 }
 
 
-SLANT = 2  # path over thickness of light that crosses a layer
-OWN = 4  # e^-(4 τ) of what lies at τ sees the face
+SLANT = 6  # path over thickness of light that crosses a layer
 
 
 def spread_aside(layers: Sequence[Layer], k: int) -> float:
     """σ times the mean path since the last scattering of light that leaves layer k, both ways; 1 at most.
 
-    Traced backwards segment by segment; the outer faces mirror. Times itself for light that sees a face.
+    Traced backwards segment by segment; the outer faces mirror.
     """
     paths = []
     for step in (1, -1):  # into the layer, downwards: what leaves by its top; upwards: by its bottom
@@ -66,10 +65,7 @@ def spread_aside(layers: Sequence[Layer], k: int) -> float:
             else:
                 step = -step
         paths.append(path)
-    share = min(layers[k].sigma_t_prime * float(np.mean(paths)), 1.0)
-    depths = [OWN * layer.sigma_t_prime * layer.thickness for layer in layers]
-    hidden = (1 - np.exp(-sum(depths[:k]))) * (1 - np.exp(-sum(depths[k + 1 :])))
-    return share * (share + hidden * (1 - share))
+    return min(layers[k].sigma_t_prime * float(np.mean(paths)), 1.0)
 
 
 def collided(

@@ -17,11 +17,9 @@ from texsss.media.stack import LayerTable
 from texsss.profiles import even, single
 from texsss.profiles.blocks import Loops, Solver, solved
 from texsss.profiles.even import Even, scattered_evenly
-from texsss.profiles.films import last_scattered
 from texsss.profiles.four_streams import lacking
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
-from texsss.profiles.straight import Fading, faded, leaving
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
 from texsss.profiles.two_modes import TwoModes, two_modes
@@ -49,8 +47,6 @@ class Prepared(NamedTuple):
     more: Multiple | None  # None if only single scattering was
     passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
     marched: tuple[Node, ...]  # what is left to the march; none unless asked for
-    away: Tensor | None  # [mm] that light from all around crosses straight before it scatters
-    entering: Fading
 
 
 def profile(
@@ -93,11 +89,8 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     once = reduced = single.prepare(*from_side(side, layers, lights), None)
     if unreduced is not None:
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
-    # light from all around enters as it leaves; from one side it would come from another place, not spread
-    away = last_scattered(layers).away if len(directions) > 1 else None
-    entering = leaving(layers[0].eta)
     if scattering == "single":
-        return Prepared(once, None, None, (), away, entering)
+        return Prepared(once, None, None, ())
     more = _multiple(layers, lights, directions, side)
     factor = _furnace(layers, lights, directions)
     passed = None
@@ -116,7 +109,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if scattering == "unmarched" and side == "reflectance":
         marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
     once = () if scattering == "multiple" else once
-    return Prepared(once, more.times(factor), passed, marched, away, entering)
+    return Prepared(once, more.times(factor), passed, marched)
 
 
 @no_type_check
@@ -128,9 +121,7 @@ def spectrum(prepared, s):
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
-    if prepared.marched:
-        total = total - scattered_once(prepared.marched, s)
-    return total if prepared.away is None else total * faded(prepared.entering, s * prepared.away)
+    return total - scattered_once(prepared.marched, s) if prepared.marched else total
 
 
 @no_type_check

@@ -4,7 +4,7 @@
 
 #include "lights.h"
 
-constexpr float SLANT = 2, OWN = 4;  // films.py
+constexpr float SLANT = 6, OWN = 4;  // films.py
 
 struct Modes {
   double mu[2], b[2], gamma[2], delta[2], w[2];
@@ -14,97 +14,71 @@ struct Parameters {
   Modes inner, near, far;
 };
 
-// straight.py
-struct Fading {
-  double rise, bend, level;
-  V at(V aside) const {
-    aside = lesser(aside, all(100));
-    V q = aside * aside;
-    return decay(q * (float(rise) + float(bend) * q) * inverse(1 + float(level) * q));
-  }
-};
-struct Fadings {
-  Fading leaving, returning;
-};
-
-// Where light that reaches a face last scattered: films.py
-struct Scattered {
-  V sigma, away, squared, let_out;
-
-  // By the first layer, or the last if `turned`
-  void find(const Layers& layers, bool turned, bool slab) {
-    const int L = int(layers.size());
-    auto layer = [&](int k) -> const Layer& { return layers[turned ? L - 1 - k : k]; };
-    const Index own = layer(0).index;
-    sigma = layer(0).sigma, away = V{}, squared = let_out = all(1);
-    if (L == 1) return;
-    V left = all(1), whole = all(TINY), dense = TINY * layer(L - 1).sigma, apart = {};
-    bool alike = true;
-    std::vector<V>& shares = kept;
-    shares.resize(L);
-    for (int k = 0; k < L; k++) {
-      const Layer& here = layer(k);
-      shares[k] = left;
-      if (k + 1 < L || slab) {
-        Decayed fade = decayed(lesser(OWN * here.sigma * here.d, all(FAR)));
-        shares[k] = left * fade.gone, left *= fade.left;
-      }
-      whole += shares[k], dense += shares[k] * here.sigma;
-      alike = alike && here.index.eta == own.eta;
-      for (int i = 0; i < k; i++) {
-        V step = here.sigma - layer(i).sigma;
-        apart += shares[i] * shares[k] * step * step * inverse(here.sigma * layer(i).sigma);
-      }
-    }
-    V per = inverse(whole);
-    sigma = dense * per, away = apart * inverse(OWN * dense);
-    if (alike) return;
-    squared = let_out = TINY * per;
-    for (int k = 0; k < L; k++) {
-      const double step = layer(k).index.eta / own.eta;
-      squared += shares[k] * per * float(step * step);
-      let_out += shares[k] * per * float(layer(k).index.outlet / own.outlet);
-    }
-  }
-
- private:
-  std::vector<V> kept;
-};
-
 struct Face {
   float base[2], gamma[2], delta[2];
-  V loss[2], out[2], free, per_sigma, away;
-  bool straight;
-  Fadings fadings;
-  Scattered origin;
+  V loss[2], out[2];
+  struct Felt {
+    V sigma, tau, depth;
+  };
+  std::vector<Felt> felt;
+  bool slab;
 
-  void prepare(const Layers& layers, bool turned, bool slab, const Modes& modes, const Fadings& given) {
+  void prepare(const Layers& layers, bool turned, bool slab_, const Modes& modes) {
     const int L = int(layers.size());
+    slab = slab_;
     const Layer& first = layers[turned ? L - 1 : 0];
     V thick = !slab && L == 1 ? first.sigma : first.sigma * (first.d + 1e-15f);
-    origin.find(layers, turned, slab);
+    thick *= let_out(layers, turned);
     for (int m = 0; m < 2; m++) {
       base[m] = float(1 / (modes.mu[m] * modes.mu[m])), gamma[m] = float(modes.gamma[m]), delta[m] = float(modes.delta[m]);
-      loss[m] = thick * origin.let_out * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
+      loss[m] = thick * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
     }
-    free = thick * origin.squared, per_sigma = inverse(origin.sigma), away = origin.away;
-    straight = L > 1, fadings = given;
+    felt.resize(L);
+    for (int k = 0; k < L; k++) {
+      const Layer& layer = layers[turned ? L - 1 - k : k];
+      felt[k] = {layer.sigma, 3 * layer.sigma * layer.d, 8 * layer.d};
+    }
   }
 
-  // What it loses and lets out of either mode
-  void at(float s, V lost[2], V leaves[2]) const {
-    V u = s * per_sigma, x = u * u;
-    for (int m = 0; m < 2; m++) {
-      lost[m] = root(base[m] + gamma[m] * x) * loss[m];
-      leaves[m] = root(base[m] + delta[m] * x) * out[m];
+  // What it lets out of the light beneath, over what it would if its own layer were thick
+  V let_out(const Layers& layers, bool turned) const {
+    const int L = int(layers.size());
+    const double own = layers[turned ? L - 1 : 0].index.outlet;
+    bool alike = true;
+    for (const Layer& layer : layers) alike = alike && layer.index.outlet == own;
+    if (alike) return all(1);
+    V left = all(1), found = all(TINY), whole = all(TINY);
+    for (int k = 0; k < L; k++) {
+      const Layer& layer = layers[turned ? L - 1 - k : k];
+      V share = left;
+      if (k + 1 < L || slab) {
+        Decayed fade = decayed(lesser(OWN * layer.sigma * layer.d, all(FAR)));
+        share = left * fade.gone, left *= fade.left;
+      }
+      found += share * float(layer.index.outlet / own), whole += share;
     }
-    if (!straight) return;
-    V aside = s * away, passed = fadings.leaving.at(aside), gone = (1 - fadings.returning.at(2 * aside)) / 2;
-    for (int m = 0; m < 2; m++) {
-      V none = root(base[m] + x) * free, step = (none - lost[m]) * gone, share = none * inverse(none - step);
-      lost[m] = (lost[m] + step) * share, leaves[m] *= passed * share;
-    }
+    return found * inverse(whole);
   }
+
+  // (s / σ)², σ the extinction near the face: a mean that weighs what is near
+  V feels(float s) const {
+    const int L = int(felt.size());
+    V left = all(1), mean = {}, whole = {};  // shares only: differences of extinctions would cancel
+    for (int k = 0; k < L; k++) {
+      V share = left;
+      if (k + 1 < L || slab) {
+        Decayed fade = decayed(lesser(felt[k].tau + s * felt[k].depth, all(20)));
+        share = left * fade.gone, left *= fade.left;
+      }
+      mean += felt[k].sigma * share, whole += share;
+    }
+    // of a thin slab what is there
+    if (slab) mean = (mean + felt[L - 1].sigma * TINY) * inverse(whole + TINY);
+    V u = s * inverse(L == 1 ? felt[0].sigma : mean);
+    return u * u;
+  }
+  V lost(int m, V x) const { return root(base[m] + gamma[m] * x) * loss[m]; }
+  V leaves(int m, V x) const { return root(base[m] + delta[m] * x) * out[m]; }
 };
 
 struct Sweep {
@@ -113,7 +87,7 @@ struct Sweep {
   };
   struct Level {
     bool endless;
-    V d2, aside, hidden, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
+    V d2, aside, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
     Carried coupled[2], alone[2];
   };
   std::vector<Level> levels;
@@ -121,9 +95,7 @@ struct Sweep {
   bool slab;
   float weight;
 
-  // `fadings`: of the near and of the far face
-  void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set, const Fadings& nearby,
-               const Fadings& beyond) {
+  void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set) {
     const int L = int(layers.size());
     levels.resize(L), slab = !endless, weight = float(set.weight);
     spread_aside(layers, endless);
@@ -163,8 +135,8 @@ struct Sweep {
       here.into[0] = a * scale, here.into[1] = b * scale, here.into[2] = c * scale, here.into[3] = a * scale;
       here.back[0] = a * own, here.back[1] = -b * own, here.back[2] = -c * own, here.back[3] = a * own;
     }
-    near.prepare(layers, false, slab, set.near, nearby);
-    if (slab) far.prepare(layers, true, slab, set.far, beyond);
+    near.prepare(layers, false, slab, set.near);
+    if (slab) far.prepare(layers, true, slab, set.far);
   }
 
   // Share of D by which light spreads along every layer: films.py
@@ -189,20 +161,6 @@ struct Sweep {
       down = passed(layers[k], crossed(k), down);
       levels[k].aside = lesser((levels[k].aside + down) * layers[k].sigma * 0.5f, all(1));
     }
-    // what sees an outer face crosses straight, but for the share again that scatters on the way
-    V above = {}, below = {};
-    for (int k = 0; k < finite; k++) {
-      levels[k].hidden = decayed(above).gone;
-      above = lesser(above + OWN * layers[k].sigma * layers[k].d, all(FAR));
-    }
-    for (int k = finite - 1; k >= 0; k--) {
-      V share = levels[k].aside;
-      if (!endless) {
-        levels[k].hidden *= decayed(below).gone;
-        below = lesser(below + OWN * layers[k].sigma * layers[k].d, all(FAR));
-      }
-      levels[k].aside = share * (share + levels[k].hidden * (1 - share));
-    }
   }
   static V passed(const Layer& layer, const Decayed& crossed, V path) {
     return crossed.gone * inverse(layer.sigma) + crossed.left * path;
@@ -221,9 +179,12 @@ struct Sweep {
 
   V at(float s) const {
     const float s2 = s * s;
-    V b[2], out[2], lowest[2] = {}, unseen[2];
-    near.at(s, b, out);
-    if (slab) far.at(s, lowest, unseen);
+    V x = near.feels(s), lowest[2] = {};
+    V b[2] = {near.lost(0, x), near.lost(1, x)}, out[2] = {near.leaves(0, x), near.leaves(1, x)};
+    if (slab) {
+      V y = far.feels(s);
+      lowest[0] = far.lost(0, y), lowest[1] = far.lost(1, y);
+    }
     V both = coupled(s2, b, out, lowest);
     for (int m = 0; m < 2; m++) both -= uncoupled(s2, m, b[m], out[m], lowest[m]);
     return weight * both;

@@ -12,11 +12,15 @@ from typing import NamedTuple, no_type_check
 
 import torch
 
-from texsss.profiles.films import last_scattered, spread_aside
+from texsss.profiles.films import let_out, spread_aside
 from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
-from texsss.profiles.slab import THIN, TINY
-from texsss.profiles.straight import Fading, faded, leaving, returning
+from texsss.profiles.slab import THIN, TINY, added
 from texsss.types import Tensor
+
+# A face feels the extinction at depth z as e^-(3 σ + 8 s) z, so that a layer that vanishes is not felt.
+# The rates hardly matter: on layered stacks the radial error is .065 with all that were tried, worst .10.
+_NEAR_SIGMA, _NEAR_S = 3.0, 8.0
+_FELT = 20.0  # e^-x beyond is nothing
 
 Pair = tuple[Tensor, Tensor]
 Matrix = tuple[Tensor, Tensor, Tensor, Tensor]  # row-major 2×2
@@ -45,16 +49,13 @@ class Level(NamedTuple):
 class Face(NamedTuple):
     """What a face loses and lets out of either mode, scale √(growth (s / σ)² + 1 / μ²), times d of its layer.
 
-    A face that mirrors nothing loses of light that comes from σ what growth 1 and the scale `free` say.
+    σ is the extinction as it is felt at the face.
     """
 
     base: Pair  # 1 / μ², numbers
     loss: tuple[Pair, Pair]  # growth and scale [1/mm] of what is lost
     out: tuple[Pair, Pair]  # ... of what comes out
-    sigma: Tensor  # mean extinction where light last scattered
-    free: Tensor
-    away: Tensor | None  # [mm] that light crosses straight on its way to the face; None if nothing
-    fadings: tuple[Fading, Fading]  # of what leaves, and of what returns
+    felt: tuple[tuple[Tensor, Tensor | None, Tensor | None], ...]  # per layer: σ, 3 σ d, 8 d
 
 
 class Sweep(NamedTuple):
@@ -124,21 +125,27 @@ def _eigen(layer, modes):
 
 @no_type_check
 def _face(layers, modes):
-    first, origin = layers[0], last_scattered(layers)
-    thick = first.sigma if first.d is None else first.sigma * (first.d + THIN)
+    sigma = layers[0].sigma
+    thick = sigma if layers[0].d is None else sigma * (layers[0].d + THIN)
+    if len({layer.eta for layer in layers}) > 1:
+        thick = thick * let_out(layers)
 
     def numbers(a, b):
-        return first.sigma.new_full((), a), first.sigma.new_full((), b)
+        return sigma.new_full((), a), sigma.new_full((), b)
 
-    lost = (modes.b[0] * thick * origin.let_out, modes.b[1] * thick * origin.let_out)
+    felt = tuple(
+        (layer.sigma, None, None)
+        if layer.d is None
+        else (layer.sigma, _NEAR_SIGMA * layer.sigma * layer.d, _NEAR_S * layer.d)
+        for layer in layers
+    )
+    lost = (modes.b[0] * thick, modes.b[1] * thick)
+    out = (modes.w[0] * lost[0], modes.w[1] * lost[1])
     return Face(
         numbers(modes.mu[0] ** -2, modes.mu[1] ** -2),
         (numbers(*modes.gamma), lost),
-        (numbers(*modes.delta), (modes.w[0] * lost[0], modes.w[1] * lost[1])),
-        origin.sigma,
-        thick * origin.squared,
-        origin.away,
-        (leaving(first.eta), returning(first.eta)),
+        (numbers(*modes.delta), out),
+        felt,
     )
 
 
@@ -149,8 +156,10 @@ def scattered_twice(sweep, s, s2):
     That is what the coupled modes carry there less what they carry without scattering on the way.
     `s`, `s2`: frequencies (S, 1) and their squares. Differentiable.
     """
-    b, out = _at_face(sweep.near, s)
-    lowest = None if sweep.far is None else _at_face(sweep.far, s)[0]
+    x = _felt(sweep.near, s)
+    b = _faces(sweep.near, sweep.near.loss, x)
+    out = _faces(sweep.near, sweep.near.out, x)
+    lowest = None if sweep.far is None else _faces(sweep.far, sweep.far.loss, _felt(sweep.far, s))
     both = _coupled(sweep.levels, s2, b, out, lowest)
     for m in (0, 1):
         both = both - _uncoupled(sweep.levels, s2, m, b[m], out[m], None if lowest is None else lowest[m])
@@ -252,29 +261,28 @@ def _squared(carried, s2):
 
 
 @no_type_check
-def _at_face(face, s):
-    """What a face loses and lets out of either mode.
+def _felt(face, s):
+    """(s / σ)², σ the extinction near a face: a mean that weighs what is near."""
+    if len(face.felt) == 1:
+        u = s / face.felt[0][0]
+        return u * u
+    left, shares = 1.0, []  # differences of extinctions would cancel
+    for _, tau, depth in face.felt:
+        shares.append(left)
+        if tau is not None:
+            x = torch.addcmul(tau, s, depth).clamp_(max=_FELT).neg_()
+            shares[-1], left = -left * torch.expm1(x), left * torch.exp(x)
+    mean = added([sigma * share for (sigma, *_), share in zip(face.felt, shares)])
+    if face.felt[-1][1] is not None:  # of a thin slab what is there
+        mean = (mean + face.felt[-1][0] * TINY) / (added(shares) + TINY)
+    u = s / mean
+    return u * u
 
-    A mode that loses b where it would lose B by a face that mirrors nothing comes back by
-    ρ = (B - b) / (B + b). Where it goes to the face and back straight, ρ fades, and so does what leaves on
-    its way there.
-    """
-    u = s / face.sigma
-    x = u * u
-    b, out = (
-        [torch.addcmul(face.base[m], growth[m], x).sqrt_() * scale[m] for m in (0, 1)]
-        for growth, scale in (face.loss, face.out)
-    )
-    if face.away is None:
-        return b, out
-    aside = s * face.away
-    leaves, lost = faded(face.fadings[0], aside), (1 - faded(face.fadings[1], 2 * aside)) / 2
-    for m in (0, 1):
-        free = torch.sqrt(face.base[m] + x) * face.free
-        step = (free - b[m]) * lost
-        share = free / (free - step)  # φ at the face, over what it would be if ρ did not fade
-        b[m], out[m] = (b[m] + step) * share, out[m] * leaves * share
-    return b, out
+
+@no_type_check
+def _faces(face, kind, x):
+    growth, scale = kind
+    return tuple(torch.addcmul(face.base[m], growth[m], x).sqrt_() * scale[m] for m in (0, 1))
 
 
 @no_type_check
