@@ -1,6 +1,7 @@
 """Phones, themes, screen readers, a service that goes away, a graphics card that is taken."""
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,7 +86,9 @@ def edges(page) -> list[float]:
     seen = pixels(page)
     page.evaluate("texsss.viewer.surface.mesh.material.visible = false")
     page.evaluate("texsss.viewer.surface.dress = () => {}")
-    there = np.abs(seen - pixels(page)).max(2) > 6
+    deadline, there = time.monotonic() + 20, np.zeros((1, 1), dtype=bool)
+    while not there.any() and time.monotonic() < deadline:  # a busy browser draws late
+        there = np.abs(seen - pixels(page)).max(2) > 6
     page.evaluate("delete texsss.viewer.surface.dress; texsss.viewer.surface.mesh.material.visible = true")
     rows, columns = np.nonzero(there.any(1))[0], np.nonzero(there.any(0))[0]
     height, width = there.shape
