@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from command import CUBE_OBJ, Done
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -71,3 +72,27 @@ def write_torus(
             texture = [m * (through + 1) + n + 1 for m, n in corners]
             lines.append("f " + " ".join(f"{p}/{t}" for p, t in zip(place, texture)))
     path.write_text("\n".join(lines))
+
+
+@pytest.fixture
+def texsss(tmp_path, monkeypatch, capfd):
+    """Runs the command line in `tmp_path`, in this process."""
+    from texsss.cli import main  # not before types are watched
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+
+    def run(*args: object) -> Done:
+        with pytest.raises(SystemExit) as stopped:
+            main([str(argument) for argument in args])
+        code = stopped.value.code
+        return Done(0 if code is None else int(code), *capfd.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def cube(tmp_path) -> Path:
+    path = tmp_path / "cube.obj"
+    path.write_text(CUBE_OBJ)
+    return path

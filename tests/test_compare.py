@@ -5,7 +5,6 @@ import json
 import pytest
 import torch
 from PIL import Image
-from test_cli import cube, texsss  # noqa: F401
 from test_methods import plain
 
 from texsss.baker import Baker
@@ -115,7 +114,7 @@ def test_a_sheet_has_panels_of_one_size():
         sheet([[("a", "", picture), ("b", "", picture[:-1])]], columns=2)
 
 
-def test_the_command_compares(texsss, cube, tmp_path):  # noqa: F811
+def test_the_command_compares(texsss, cube, tmp_path):
     out = tmp_path / "found"
     done = texsss(
         "compare", cube, "--material", "skin1", "--unit-mm", 10, "--size", 64, "--out", out,
@@ -128,7 +127,7 @@ def test_the_command_compares(texsss, cube, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize(("name", "file"), [("through-mm", "t.exr"), ("metric", "m.png")])
-def test_the_command_maps(texsss, cube, tmp_path, name, file):  # noqa: F811
+def test_the_command_maps(texsss, cube, tmp_path, name, file):
     done = texsss("map", cube, "--name", name, "--unit-mm", 10, "--size", 64, "--out", tmp_path / file)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / file).is_file()

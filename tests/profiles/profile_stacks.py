@@ -8,6 +8,12 @@ from reference import layers as reference
 from texsss.media.medium import Medium
 from texsss.media.stack import Layer, LayerTable, Stack
 
+ALIKE = [
+    reference.Layer(0.1, 1.0, 0.2, eta=1.5),
+    reference.Layer(0.4, 0.7, 0.1, eta=1.5),
+    reference.Layer(0.01, 1.09, 0.4, eta=1.5),
+]
+
 
 def stack_of(layers: list[reference.Layer]) -> Stack:
     """The same layers as a Stack of one channel, float64."""

@@ -102,3 +102,21 @@ def test_frequencies_are_real_and_not_negative():
     torch.testing.assert_close(whole, real)
     with pytest.raises(DomainError, match="s >= 0"):
         hankel_profiles(Medium(0.1, 1.0), torch.tensor([-1.0]))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"model": "photon-beam"},
+        {"scattering": "double"},
+        {"incidence": "grazing"},
+        {"incidence": 2.0},
+        {"phase": "rayleigh", "scattering": "single"},
+        {"model": "layered-diffusion", "scattering": "single"},
+    ],
+)
+def test_unknown_names_list_the_choices(asked):
+    with pytest.raises(DomainError, match=r"expected|knows only"):
+        hankel_profiles(preset("skin1"), S, **asked)
+    with pytest.raises(DomainError, match=r"1\.\.1\.6"):
+        hankel_profiles(Medium(0.1, 1.0, 0.0, 2.0), S)
