@@ -1,17 +1,28 @@
 """The collimated light inside a stack, which feeds the diffusion-like references."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from reference.boundary import Array, fresnel
 from reference.layers import Layer
 
-Beam = Callable[[float], float]
+
+class Light(NamedTuple):
+    """Collimated light in one layer, over its cosine: strengths at a depth [mm] in the layer."""
+
+    cosine: float
+    rate: float  # extinction along the depth, σt'/μ [1/mm]
+    down: Callable[[float], float]
+    up: Callable[[float], float]
+
+    def both(self, z: float) -> float:
+        return self.down(z) + self.up(z)
 
 
-def beams(layers: Sequence[Layer], cosine: float) -> list[tuple[float, Beam]]:
-    """Per layer: extinction along the depth, σt'/μ [1/mm], and the light at a depth [mm] in it, over μ.
+def beams(layers: Sequence[Layer], cosine: float) -> list[Light]:
+    """The light in every layer.
 
     A free bottom mirrors the beam by Fresnel's law, and the top mirrors what comes back, and so on: the
     geometric series 1 / (1 - F_top F_bottom e^-2τ). `cosine`: in the first layer; refracted in the others.
@@ -21,18 +32,25 @@ def beams(layers: Sequence[Layer], cosine: float) -> list[tuple[float, Beam]]:
     inside = [float(np.sqrt(1 - (sine / layer.eta) ** 2)) for layer in layers]
     rates = [layer.sigma_t_prime / mu for layer, mu in zip(layers, inside)]
     depths = np.cumsum([0.0, *(rate * layer.thickness for rate, layer in zip(rates, layers))])
-    outside = float(np.sqrt(max(1 - sine**2, 0)))
-    top, bottom = (float(fresnel(outside, layers[k].eta)) for k in (0, -1))
+    top, bottom = faces(layers, cosine)
     gain = 1 / (1 - top * bottom * np.exp(-2 * depths[-1]))
 
-    def light(rate: float, above: float, mu: float) -> Beam:
-        def at(z: float) -> float:
-            down = above + rate * z
-            return gain / mu * (np.exp(-down) + bottom * np.exp(down - 2 * depths[-1]))
+    def light(rate: float, above: float, mu: float) -> Light:
+        def down(z: float) -> float:
+            return gain / mu * np.exp(-above - rate * z)
 
-        return at
+        def up(z: float) -> float:
+            return gain / mu * bottom * np.exp(above + rate * z - 2 * depths[-1])
 
-    return [(rate, light(rate, above, mu)) for rate, above, mu in zip(rates, depths, inside)]
+        return Light(mu, rate, down, up)
+
+    return [light(rate, above, mu) for rate, above, mu in zip(rates, depths, inside)]
+
+
+def faces(layers: Sequence[Layer], cosine: float) -> tuple[float, float]:
+    """What the top and the bottom mirror of light at `cosine` in the first layer."""
+    outside = float(np.sqrt(max(1 - (1 - cosine**2) * layers[0].eta ** 2, 0)))
+    return float(fresnel(outside, layers[0].eta)), float(fresnel(outside, layers[-1].eta))
 
 
 def entered(eta: float, incidence: str | float, nodes: int = 64) -> tuple[Array, Array]:
@@ -53,20 +71,17 @@ def ballistic(layers: Sequence[Layer], incidence: str | float) -> tuple[float, f
 
     In reduced coefficients: what a model that reduces them leaves to the beam.
     """
-    if np.isinf(layers[-1].thickness):
-        return 0.0, 0.0
     R, T = 0.0, 0.0
     for cosine, share in zip(*entered(layers[0].eta, incidence)):
-        sine = np.sqrt(1 - cosine**2) * layers[0].eta
-        outside = float(np.sqrt(max(1 - sine**2, 0)))
-        top, bottom = (float(fresnel(outside, layers[k].eta)) for k in (0, -1))
-        last = layers[-1]
-        mu = np.sqrt(1 - (sine / last.eta) ** 2)
-        _, beam = beams(layers, float(cosine))[-1]
-        at_bottom = beam(last.thickness) * mu / (1 + bottom)  # of beam down + mirrored, the part going down
-        through = np.exp(
-            -sum(rate * l.thickness for (rate, _), l in zip(beams(layers, float(cosine)), layers))
-        )
-        T += share * at_bottom * (1 - bottom)
-        R += share * at_bottom * bottom * through * (1 - top)
+        above, below = unscattered(layers, float(cosine))
+        R, T = R + share * above, T + share * below
     return R, T
+
+
+def unscattered(layers: Sequence[Layer], cosine: float) -> tuple[float, float]:
+    """The same of a beam at `cosine` inside the first layer."""
+    if np.isinf(layers[-1].thickness):
+        return 0.0, 0.0
+    lights, (top, bottom) = beams(layers, cosine), faces(layers, cosine)
+    T = lights[-1].down(layers[-1].thickness) * lights[-1].cosine * (1 - bottom)
+    return lights[0].up(0.0) * lights[0].cosine * (1 - top), T

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reference.beam import Beam, beams
+from reference.beam import Light, beams
 from reference.boundary import Array, impedance
 from reference.collocation import Region, solve
 from reference.layers import Layer, check_stack
@@ -42,14 +42,14 @@ def hankel(
     R, T = [], []
     for frequency in np.atleast_1d(s):
         regions = []
-        for layer, (rate, beam) in zip(layers, beams(layers, cosine)):
+        for layer, light in zip(layers, beams(layers, cosine)):
             D = diffusion_coefficient(layer, classical)
             M = np.array([[layer.sigma_a + D * frequency**2]])
 
-            def source(z: float, layer: Layer = layer, beam: Beam = beam) -> Array:
-                return np.array([layer.sigma_s_prime * beam(z)])
+            def source(z: float, layer: Layer = layer, light: Light = light) -> Array:
+                return np.array([layer.sigma_s_prime * light.both(z)])
 
-            regions.append(Region(np.array([D]), M, source, rate, layer.thickness, layer.eta**2))
+            regions.append(Region(np.array([D]), M, source, light.rate, layer.thickness, layer.eta**2))
         # φ = 2 A D φ'  ⇔  D φ' = φ / 2A
         bottom = None if infinite else np.array([1 / (2 * A_bottom)])
         upper, lower = solve(regions, np.array([1 / (2 * A_top)]), bottom)

@@ -19,16 +19,18 @@ e_j ψ_j at 0.
 Along a layer that hardly scatters light spreads no farther than it flies: s² there is times σ and the mean
 path since the last scattering (`spread_aside`).
 
-At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. The table is for the eta of the faces; inner
-indices must be equal.
+At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. Where indices differ, ψ / eta² is continuous, and
+the medium has the cosines of the index through which light enters. A face of another index, with w', μ', b
+and γ of its own, lets the same out, B_j = (w_j' / w_j) (μ_j'² / σ) b_j sqrt(σ²/μ_j'² + γ_j s²), and inner
+layers beneath a thin outermost one decide with it how much that is (`let_out`).
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from reference.beam import Beam, beams
-from reference.boundary import Array
+from reference.beam import Light, beams
+from reference.boundary import Array, impedance
 from reference.collocation import Region, solve
 from reference.layers import Layer, check_stack
 
@@ -45,6 +47,7 @@ MODES = {
 }
 
 
+OWN = 4  # a layer makes 1 - e^-(4 σ d) of a face its own
 SLANT = 6  # path over thickness of light that crosses a layer
 
 
@@ -68,42 +71,55 @@ def spread_aside(layers: Sequence[Layer], k: int) -> float:
     return min(layers[k].sigma_t_prime * float(np.mean(paths)), 1.0)
 
 
+def weights(mu: Array) -> Array:
+    """w of two cosines: Σ w = 1 and Σ w μ² = 1/3."""
+    return np.linalg.solve([[1, 1], mu**2], [1, 1 / 3])
+
+
+def let_out(layers: Sequence[Layer]) -> float:
+    """What the first of `layers` lets out, over what it would if it were thick."""
+    depths = np.cumsum([0.0, *(layer.sigma_t_prime * layer.thickness for layer in layers)])
+    shares = -np.diff(np.exp(-OWN * depths))
+    outlets = [layer.eta**2 / impedance(layer.eta) for layer in layers]
+    return float(shares @ outlets / (shares.sum() * outlets[0]))
+
+
 def collided(
     layers: Sequence[Layer], s: Array, scattering: bool = True, cosine: float = 1.0
 ) -> tuple[Array, Array]:
     """R_c(s), T_c(s), (S,) each; without scattering (a = 0, source kept) R_u and T_u.
 
-    eta of all layers: the same, and one of MODES. cosine: of the entering beam inside.
+    eta of the outer layers: of MODES. cosine: of the entering beam inside.
     """
     check_stack(layers)
-    etas = {layer.eta for layer in layers}
-    if len(etas) > 1:
-        raise ValueError(f"the two-mode reference knows one eta per stack, got {sorted(etas)}")
-    mu, b, gamma, delta = (np.array(pair, dtype=float) for pair in MODES[etas.pop()])
-    w = np.array([mu[1] ** 2 - 1 / 3, 1 / 3 - mu[0] ** 2]) / (mu[1] ** 2 - mu[0] ** 2)
+    mu = np.array(MODES[layers[0].eta][0])
+    w = weights(mu)
     infinite = np.isinf(layers[-1].thickness)
 
-    def face(layer: Layer, factor: Array, frequency: float) -> Array:
-        sigma = layer.sigma_t_prime
-        return mu**2 / sigma * b * np.sqrt(sigma**2 / mu**2 + factor * frequency**2)
+    def faces(stack: Sequence[Layer], frequency: float) -> tuple[Array, Array]:
+        """What the face of the first layer of `stack` takes of the modes, and what of it comes out."""
+        own, b, gamma, delta = (np.array(pair, dtype=float) for pair in MODES[stack[0].eta])
+        sigma = stack[0].sigma_t_prime
+        taken = weights(own) / w * own**2 / sigma * b * let_out(stack)
+        lost, out = (np.sqrt(sigma**2 / own**2 + growth * frequency**2) for growth in (gamma, delta))
+        return taken * lost, taken * out
 
     R, T = [], []
     for frequency in np.atleast_1d(s):
         regions = []
-        for k, (layer, (rate, beam)) in enumerate(zip(layers, beams(layers, cosine))):
+        for k, (layer, light) in enumerate(zip(layers, beams(layers, cosine))):
             sigma = layer.sigma_t_prime
             D = mu**2 / sigma
             M = np.diag(sigma + frequency**2 * spread_aside(layers, k) * D)
             if scattering:
                 M = M - layer.sigma_s_prime * np.outer(np.ones(2), w)
 
-            def source(z: float, layer: Layer = layer, beam: Beam = beam) -> Array:
-                return layer.sigma_s_prime * beam(z) * np.ones(2)
+            def source(z: float, layer: Layer = layer, light: Light = light) -> Array:
+                return layer.sigma_s_prime * light.both(z) * np.ones(2)
 
-            regions.append(Region(D, M, source, rate, layer.thickness))
-        first, last = layers[0], layers[-1]
-        bottom = None if infinite else face(last, gamma, frequency)
-        upper, lower = solve(regions, face(first, gamma, frequency), bottom)
-        R.append(w @ (face(first, delta, frequency) * upper))
-        T.append(w @ (face(last, delta, frequency) * lower))
+            regions.append(Region(D, M, source, light.rate, layer.thickness, layer.eta**2))
+        (top, above), (bottom, below) = faces(layers, frequency), faces(layers[::-1], frequency)
+        upper, lower = solve(regions, top, None if infinite else bottom)
+        R.append(w @ (above * upper))
+        T.append(w @ (below * lower))
     return np.array(R), np.array(T)
