@@ -203,13 +203,13 @@ Where some layer has g = .8 (the models reduce their coefficients, σs' = σs (1
 
 Where light is scattered forwards, reduced coefficients, σs' = σs (1 - g), turn at once what in truth keeps
 its direction for a while. The totals of four streams in the true medium less those in the reduced one are
-added (`texsss/profiles/four_streams.py`): the slab of .3 reduced mean free paths was 39 % too bright without.
+added (`texsss/profiles/four_streams.py`): the slab of .3 reduced mean free paths is 39 % too bright without.
 
 In thin slabs whose faces mirror totally light is everywhere alike, and what scatters again and what leaves
 is known ray by ray (`texsss/profiles/even.py`); the two modes take over as slabs become thick, or their
-layers unlike. With two modes alone multiple scattering was wrong by up to 7.3 % of the total at some s in
-slabs of .05 to .3 mm, the total up to 25 % too high in such as absorb much (adding-doubling, eta 1.6, .05
-mean free paths; now 1.1 %).
+layers unlike. With two modes alone multiple scattering would be wrong by up to 7.3 % of the total at some s
+in slabs of .05 to .3 mm, and the total up to 25 % too high in such as absorb much (adding-doubling, eta 1.6,
+.05 mean free paths; with even light 1.1 %).
 
 Light spreads along a clear film only as far as it flew since it last scattered; without that limit of its
 diffusion four fifths of all structure wider than the film would be lost. Under films of half a millimetre
