@@ -1,6 +1,5 @@
 """Fixtures for all rooms."""
 
-import math
 import os
 import subprocess
 import sys
@@ -8,7 +7,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from command import CUBE_OBJ, Done
+from command import Done
+from obj_files import CUBE_OBJ, torus_obj
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -42,7 +42,7 @@ def small(tmp_path_factory) -> dict:
     from texsss.io.images import write_png  # not before types are watched
 
     folder = tmp_path_factory.mktemp("torus")
-    write_torus(folder / "torus.obj")
+    (folder / "torus.obj").write_bytes(torus_obj(48, 24, digits=15))
     stripes = torch.rand(32, 32, 3, generator=torch.Generator().manual_seed(1)) * 0.6 + 0.3
     write_png(folder / "albedo.png", stripes)
     return {
@@ -52,26 +52,6 @@ def small(tmp_path_factory) -> dict:
         "atlas": {"size": 128},
         "camera": {"resolution": [64, 48], "samples": 1},
     }
-
-
-def write_torus(
-    path: Path, around: int = 48, through: int = 24, radius: float = 60, tube: float = 20
-) -> None:
-    """A torus in the xz plane [mm] whose texture coordinates fill the square once."""
-    lines = []
-    for i in range(around):
-        for j in range(through):
-            a, b = 2 * math.pi * i / around, 2 * math.pi * j / through
-            r = radius + tube * math.cos(b)
-            lines.append(f"v {r * math.sin(a)} {tube * math.sin(b)} {r * math.cos(a)}")
-    lines += [f"vt {i / around} {j / through}" for i in range(around + 1) for j in range(through + 1)]
-    for i in range(around):
-        for j in range(through):
-            corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-            place = [(m % around) * through + n % through + 1 for m, n in corners]
-            texture = [m * (through + 1) + n + 1 for m, n in corners]
-            lines.append("f " + " ".join(f"{p}/{t}" for p, t in zip(place, texture)))
-    path.write_text("\n".join(lines))
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """A real uvicorn in a process of its own, asked over loopback; and what its tests share."""
 
-import math
 import os
 import signal
 import socket
@@ -139,24 +138,6 @@ def quick(source: dict) -> dict:
         "material": {"layers": [{"medium": "skin1"}]},
         "camera": {"resolution": [64, 48], "samples": 1},
     }
-
-
-def torus_obj(around: int = 24, through: int = 12, radius: float = 60, tube: float = 20) -> bytes:
-    """A torus [mm] whose texture coordinates fill the square once."""
-    lines = []
-    for i in range(around):
-        for j in range(through):
-            a, b = 2 * math.pi * i / around, 2 * math.pi * j / through
-            r = radius + tube * math.cos(b)
-            lines.append(f"v {r * math.sin(a):.5f} {tube * math.sin(b):.5f} {r * math.cos(a):.5f}")
-    lines += [f"vt {i / around:.5f} {j / through:.5f}" for i in range(around + 1) for j in range(through + 1)]
-    for i in range(around):
-        for j in range(through):
-            corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-            place = [(m % around) * through + n % through + 1 for m, n in corners]
-            texture = [m * (through + 1) + n + 1 for m, n in corners]
-            lines.append("f " + " ".join(f"{p}/{t}" for p, t in zip(place, texture, strict=True)))
-    return "\n".join(lines).encode()
 
 
 def problem(response: httpx.Response, status: int, slug: str) -> dict:

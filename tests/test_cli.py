@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import SQUARE_OBJ, told
+from command import told
+from obj_files import SQUARE_OBJ
 from PIL import Image
 
 from texsss.baker import Baker

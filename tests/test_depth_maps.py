@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from serving import torus_obj
+from obj_files import torus_obj
 
 import texsss as tx
 from texsss.pipeline import Run

@@ -4,7 +4,7 @@ import re
 
 import pytest
 import torch
-from serving import torus_obj
+from obj_files import torus_obj
 
 from texsss.baker import Baker
 from texsss.errors import DomainError, ShapeError

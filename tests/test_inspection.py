@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from command import CUBE_OBJ
+from obj_files import CUBE_OBJ
 from PIL import Image
 
 from texsss.inspection import kernel

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from serving import torus_obj
+from obj_files import torus_obj
 
 import texsss as tx
 

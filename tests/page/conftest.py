@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from obj_files import torus_obj
 from paging import SETTLED, address
-from serving import OBJ, Running, end, launch, torus_obj, until_ready
+from serving import OBJ, Running, end, launch, until_ready
 
 STATIC = Path(__file__).parents[2] / "server" / "static"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

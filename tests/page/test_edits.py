@@ -5,9 +5,10 @@ import time
 
 import numpy as np
 import pytest
+from obj_files import torus_obj
 from paging import METHODS, drop, pixels, pose, settle, state, until
 from PIL import Image
-from serving import OBJ, torus_obj
+from serving import OBJ
 
 SLIDER = "#panel-material .card-body input[type=range]"
 

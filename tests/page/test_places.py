@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from obj_files import torus_obj
 from paging import METHODS, SMALL, Gate, drop, pixels, pose, settle, state, until
-from serving import torus_obj
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 TABS = ("Material", "Light", "Object", "Inside")

@@ -3,10 +3,10 @@
 from contextlib import suppress
 
 import numpy as np
+from obj_files import torus_obj
 from paging import address, drop, pixels, settle, state
 from PIL import Image
 from playwright.sync_api import Error
-from serving import torus_obj
 
 TRIANGLES = "texsss.viewer.surface.geometry.index.count / 3"
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from serving import KEY, OBJ, STRICT, Running, end, launch, quick, torus_obj, until_ready
+from obj_files import torus_obj
+from serving import KEY, OBJ, STRICT, Running, end, launch, quick, until_ready
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,9 @@ import zipfile
 
 import httpx
 import pytest
+from obj_files import torus_obj
 from PIL import Image
-from serving import problem, quick, torus_obj
+from serving import problem, quick
 
 BINARY = {"content-type": "application/octet-stream"}
 

@@ -14,7 +14,8 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from serving import OBJ, Running, end, launch, problem, quick, torus_obj, until_idle, until_ready
+from obj_files import torus_obj
+from serving import OBJ, Running, end, launch, problem, quick, until_idle, until_ready
 
 SECONDS = float(os.environ.get("TEXSSS_LOAD_S", "10"))
 CLIENTS = 8

@@ -25,30 +25,30 @@ PR_SET_PDEATHSIG = 1  # of Linux' prctl
 
 
 def main(descriptor: int) -> None:
-    """Answers requests (options as JSON, then the file's bytes) until the other end closes."""
+    """Answers requests (as JSON, then the file's bytes) until the other end closes."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a stop of all is for the other end, which ends us
     link = Connection(descriptor)
     while True:
         try:
-            options = json.loads(link.recv_bytes())
+            asked = json.loads(link.recv_bytes())
             data = link.recv_bytes()
         except (EOFError, OSError):
             return
-        status, answer = _in_child(link, options, data)
+        status, answer = _in_child(link, asked, data)
         link.send_bytes(status.encode())
         link.send_bytes(answer)
 
 
-def _in_child(link: Connection, options: dict, data: bytes) -> tuple[str, bytes]:
+def _in_child(link: Connection, asked: dict, data: bytes) -> tuple[str, bytes]:
     """What a child of limited time and memory answers: "ok" and arrays, or "fault" and a sentence."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reader)
         link.close()  # else the other end would not notice that this process's parent is gone
-        _serve(options, data, writer)  # does not return
+        _serve(asked, data, writer)  # does not return
     os.close(writer)
-    deadline = time.monotonic() + options["timeout_s"]
+    deadline = time.monotonic() + asked["timeout_s"]
     parts, late = [], False
     while not late:
         ready = select.select([reader], [], [], max(0.0, deadline - time.monotonic()))[0]
@@ -62,24 +62,24 @@ def _in_child(link: Connection, options: dict, data: bytes) -> tuple[str, bytes]
         os.kill(child, signal.SIGKILL)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     if late or code == -signal.SIGXCPU:
-        return "fault", f"reading it takes longer than {options['timeout_s']:g} s".encode()
+        return "fault", f"reading it takes longer than {asked['timeout_s']:g} s".encode()
     if code != 0:
         return (
             "fault",
-            f"reading it needs more than {options['memory_mb']:g} MB or fails (code {code})".encode(),
+            f"reading it needs more than {asked['memory_mb']:g} MB or fails (code {code})".encode(),
         )
     whole = b"".join(parts)
     return whole[:5].decode().strip(), whole[5:]
 
 
-def _serve(options: dict, data: bytes, writer: int) -> None:
+def _serve(asked: dict, data: bytes, writer: int) -> None:
     code = 1
     try:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # nobody would wait for it any more
-        _limit(options["memory_mb"], options["timeout_s"])
+        _limit(asked["memory_mb"], asked["timeout_s"])
         torch.set_num_threads(1)
         with os.fdopen(writer, "wb") as out:
-            out.write(_answer(options, data))
+            out.write(_answer(asked, data))
         code = 0
     except MemoryError:
         code = 2
@@ -99,29 +99,22 @@ def _limit(memory_mb: float, timeout_s: float) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _answer(options: dict, data: bytes) -> bytes:
+def _answer(asked: dict, data: bytes) -> bytes:
     try:
-        return b"ok   " + TASKS[options["task"]](options, data)
+        return b"ok   " + TASKS[asked["task"]](data, **asked["options"])
     except AssetError as error:
         told = {"sentence": str(error)}
         told |= {field: getattr(error, field, None) for field in ("limit", "actual")}
         return b"error" + json.dumps(told).encode()
 
 
-def _image(options: dict, data: bytes) -> bytes:
-    image = read_image(data, name=options["name"], max_pixels=options["max_pixels"])
+def _image(data: bytes, **options) -> bytes:
+    image = read_image(data, **options)
     return json.dumps(list(image.shape)).encode()
 
 
-def _mesh(options: dict, data: bytes) -> bytes:
-    mesh, notes = read_mesh(
-        data,
-        unit_mm=options["unit_mm"],
-        up=options["up"],
-        v=options["v"],
-        file_type=options["file_type"],
-        name=options["name"],
-    )
+def _mesh(data: bytes, **options) -> bytes:
+    mesh, notes = read_mesh(data, **options)
     assert mesh.source_vertex is not None
     arrays = {
         "vertices": mesh.vertices.numpy(),
@@ -134,14 +127,8 @@ def _mesh(options: dict, data: bytes) -> bytes:
     return _packed(arrays | {"notes": np.frombuffer(notes_text.encode(), dtype=np.uint8)})
 
 
-def _positions(options: dict, data: bytes) -> bytes:
-    positions, faces = read_positions(
-        data,
-        unit_mm=options["unit_mm"],
-        up=options["up"],
-        file_type=options["file_type"],
-        name=options["name"],
-    )
+def _positions(data: bytes, **options) -> bytes:
+    positions, faces = read_positions(data, **options)
     return _packed({"positions": positions, "faces": faces})
 
 

@@ -107,7 +107,7 @@ class Sandbox:
         """What the child hands back. Raises TooLarge, LimitError, AssetError: what it tells."""
         limits = {"memory_mb": self.memory_mb, "timeout_s": self.timeout_s}
         with self._lock:
-            status, answer = self._ask({"task": task, **options, **limits}, data)
+            status, answer = self._ask({"task": task, "options": options, **limits}, data)
         if status == "ok":
             return answer
         if status == "error":
@@ -118,13 +118,13 @@ class Sandbox:
         sentence = answer.decode(errors="replace")
         raise LimitError(f"{options['name']}: {sentence}; give a smaller or a sound file.")
 
-    def _ask(self, options: dict, data: bytes) -> tuple[str, bytes]:
+    def _ask(self, asked: dict, data: bytes) -> tuple[str, bytes]:
         if self._server is not None and self._server.poll() is not None:
             self.close()  # it ended while nothing was asked of it
         first = self._link is None
         link = self._link or self._start()
         try:
-            link.send_bytes(json.dumps(options).encode())
+            link.send_bytes(json.dumps(asked).encode())
             link.send_bytes(data)
             if not link.poll(self.timeout_s + GRACE_S + (START_S if first else 0.0)):
                 raise EOFError
