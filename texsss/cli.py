@@ -183,6 +183,9 @@ def map_(
 def profile(
     material: Annotated[str, typer.Argument(help="A preset, or a scene.json whose material is meant.")],
     plot: Annotated[Path | None, typer.Option(help="Write a plot of R(r), .png or .svg.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="The model to show, such as multipole; layered-sp3 unless told.")
+    ] = None,
     against: Annotated[
         list[str] | None, typer.Option(help="Another model in the plot, such as multipole; may be repeated.")
     ] = None,
@@ -195,12 +198,13 @@ def profile(
     if plot is not None:
         image_name(plot, (".png", ".svg"), "--plot")
     baker = Baker()
-    found = baker.curve(scene)
     data = scene.model_dump(mode="json", exclude_none=True)
-    others = [
-        baker.curve(Scene.parse(data | {"methods": data["methods"] | {"profile": model}}))
-        for model in against or ()
-    ]
+
+    def by(name: str) -> dict:
+        return baker.curve(Scene.parse(data | {"methods": data["methods"] | {"profile": name}}))
+
+    found = baker.curve(scene) if model is None else by(model)
+    others = [by(name) for name in against or ()]
     if plot is not None:
         from texsss.plot import plot_curve
         from texsss.result import staging
@@ -210,8 +214,10 @@ def profile(
     if as_json:
         print(json.dumps(found, indent=2))
         return
-    lengths = ("mean_free_path_mm", "diffusion_length_mm", "total", "fit_error")
-    show_table(material, {name: found[name] for name in lengths} | {"radius_mm": found["radius_mm"]})
+    numbers = ("mean_free_path_mm", "diffusion_length_mm", "total", "fit_error")
+    lengths = {name: ["without end" if x is None else x for x in found[name]] for name in numbers}
+    radii = {f"radius_of_{float(share):.0%}_mm": radius for share, radius in found["radius_mm"].items()}
+    show_table(material, lengths | radii)
 
 
 @app.command()

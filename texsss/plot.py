@@ -2,21 +2,23 @@
 
 from collections.abc import Sequence
 from itertools import cycle
+from math import pi
 from pathlib import Path
 
 CHANNELS = (("R", "#d1495b"), ("G", "#3a9d5d"), ("B", "#2f6fb0"))
 
 
 STYLES = ("--", ":", "-.")
+LEAST = 1e-4  # of a channel's light, spread evenly within the radius of its 99 %
 
 
 def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] = ()) -> None:
     """Draws the result of `texsss.curve` into a PNG or SVG file.
 
-    Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 % of the light has come back. Beside
-    it the legend has mean free path and diffusion length of the outermost layer.
-    Dots are what photons say, where they were asked; other models (`against`) are thin broken lines, and
-    pale ones the sum of Gaussians.
+    The title is followed by the model. Radii in mm, R(r) in 1/mm²; a tick below the curves marks where 99 %
+    of the light has come back. Beside it the legend has mean free path and diffusion length of the outermost
+    layer. Dots are what photons say, where they were asked; other models (`against`) are thin broken lines,
+    and pale ones the sum of Gaussians.
     """
     from matplotlib.figure import Figure  # slow to import
 
@@ -44,14 +46,16 @@ def plot_curve(found: dict, path: Path, *, title: str, against: Sequence[dict] =
         axes.plot([], [], style, color="#444444", linewidth=1, label=other["methods"]["profile"])
     if any(rings is not None for rings in found["monte_carlo"]):
         axes.plot([], [], "o", color="#444444", markersize=3, label="Monte Carlo")
-    axes.set_title(title, parse_math=False)
+    axes.set_title(f"{title}, {found['methods']['profile']}", parse_math=False)
     axes.set(xlabel="distance along the surface r [mm]", ylabel="R(r) [1/mm²]")
     axes.set_xlim(0, 1.01 * max(found["r_mm"]))  # the last tick is whole
     last = [values[-1] for values in channels if values[-1] > 0]
-    axes.set_ylim(bottom=0.3 * min(last) if last else None)  # Gaussians fall below all that matters
+    # Gaussians fall below all that matters, and far beyond its radius a channel is rounding
+    even = [x / (pi * r**2) for x, r in zip(found["total"], found["radius_mm"]["0.99"]) if x > 0]
+    axes.set_ylim(bottom=max(0.3 * min(last), LEAST * min(even)) if last else None)
     axes.grid(True, which="major", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize="small")
+    axes.legend(edgecolor="none", framealpha=0.85, fontsize="small")
     figure.savefig(path)
 
 

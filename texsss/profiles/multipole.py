@@ -20,6 +20,7 @@ from texsss.profiles.slab import TINY, Coefficients, layers_of
 from texsss.types import Float, Tensor
 
 PAIRS = 2  # mirrored pairs on either side in explicit sums; their error is 3.5e-7 at d = 1.5 mm
+ROUNDING = 1e-6  # of the thickness: what a source on the bottom, at d = l, may lie beyond it
 
 
 class Slab(NamedTuple):
@@ -135,9 +136,13 @@ def _closed(albedo, kappa, l, d, z_b0, z_bd) -> tuple[Tensor, Tensor]:
 
 
 def _explicit(albedo, kappa, l, d, z_b0, z_bd, pairs: int) -> tuple[Tensor, Tensor]:
-    """R̂ and T̂ of a finite number of pairs; a pole at depth z is sign(z) e^-κ|z|."""
+    """R̂ and T̂ of a finite number of pairs; a pole at depth z is sign(z) e^-κ|z|, within the slab at 0."""
     sides = poles_of(l, d, z_b0, z_bd, pairs)
-    R, T = (sum(sign * torch.sign(z) * torch.exp(-kappa * z.abs()) for z, sign in side) for side in sides)
+    least = -ROUNDING * d
+    R, T = (
+        sum(torch.where(z < least, -sign, sign) * torch.exp(-kappa * z.abs()) for z, sign in side)
+        for side in sides
+    )
     return albedo / 2 * R, albedo / 2 * T
 
 
