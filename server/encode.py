@@ -4,7 +4,7 @@ import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -50,8 +50,11 @@ def scratch() -> Iterator[Path]:
         raise no_room(error) from None
 
 
-def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
-    """An image in one of `PICTURES`: display values in 0..1, or linear ones for those in `LINEAR`."""
+def encoded(image: Float[Tensor, "H W C"], media_type: str, text: Mapping[str, str] | None = None) -> bytes:
+    """An image in one of `PICTURES`: display values in 0..1, or linear ones for those in `LINEAR`.
+
+    `text`: what a PNG says of itself.
+    """
     image = image.detach()
     if media_type == "application/x-npy":
         out = io.BytesIO()
@@ -67,19 +70,13 @@ def encoded(image: Float[Tensor, "H W C"], media_type: str) -> bytes:
             write_exr(path, image, half=True)
             return path.read_bytes()
     if media_type == "image/png":
-        return encode_png(image)
+        return encode_png(image, text=text)
     levels = (torch.nan_to_num(image).clamp(0, 1) * 255 + 0.5).to(torch.uint8)
     levels = levels.expand(-1, -1, 3) if levels.shape[-1] == 1 else levels
     out = io.BytesIO()
     options = {"format": "JPEG"} if media_type == "image/jpeg" else {"format": "WEBP", "method": 2}
     Image.fromarray(levels.cpu().numpy()).save(out, quality=JPEG_QUALITY, **options)
     return out.getvalue()
-
-
-def ranged(image: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
-    """Data scaled to 0..1 by its least and greatest value, to be seen; what is one value all over stays."""
-    low, high = image.amin(), image.amax()
-    return (image - low) / (high - low) if high > low else image.clamp(0, 1)
 
 
 def glb(baked: Baked) -> bytes:

@@ -4,17 +4,18 @@ import torch
 from texsss_server.answers import Answer
 from texsss_server.assets import Store
 from texsss_server.drafts import drafted
-from texsss_server.encode import BAKES, LINEAR, PICTURES, archive, encoded, glb, ranged
+from texsss_server.encode import BAKES, LINEAR, PICTURES, archive, encoded, glb
 from texsss_server.settings import MB, Settings
 from texsss_server.turn import Turn
 
 from texsss.baker import Baker, lasting_shelf
 from texsss.curve import presets
+from texsss.reading import reading
 from texsss.scene import Scene
 from texsss.shots import OutputSpec
 
 LIGHT = ("picture", "irradiance", "diffused", "exitance", "radiance", "single", "albedo", "gaussian")
-"""Images that are exposed and tone mapped to be seen; all others are data, scaled from least to greatest."""
+"""Images that are exposed and tone mapped to be seen; all others are data, shown from black to white."""
 
 
 class Engine:
@@ -38,10 +39,13 @@ class Engine:
             values = self.baker.render(scene, **hooks)
         else:
             values = self.baker.intermediate(scene, image, **hooks)
-        if media_type not in LINEAR:
-            is_light = image.startswith(LIGHT)
-            values = self.baker.display(scene, values) if is_light else ranged(values)
-        body = encoded(values, media_type)
+        text = None
+        if media_type not in LINEAR and image.startswith(LIGHT):
+            values = self.baker.display(scene, values)
+        elif media_type not in LINEAR:
+            found = reading(image, values)
+            values, text = found.shown(values), found.text
+        body = encoded(values, media_type, text)
         return Answer(body, media_type, f"{image}.{PICTURES[media_type]}", turn.seconds)
 
     def model(self, scene: Scene, turn: Turn) -> Answer:

@@ -40,7 +40,8 @@ MAY_IMPORT = {
     "placing": ROOMS | {"scene", "lamps", "shots", "resolve"},
     "look": ROOMS | {"material", "methods", "resolve"},
     "report": ROOMS | {"scene"},
-    "result": ROOMS | {"scene", "report"},
+    "reading": {"types"},
+    "result": ROOMS | {"scene", "report", "reading"},
     "estimate": ROOMS | {"scene", "pipeline", "placing"},
     "stages": {"errors", "types", "scene", "cache"},
     "ground": ROOMS | {"scene", "resolve", "cache", "stages"},
@@ -80,7 +81,7 @@ SERVER = ROOT.parent / "server"
 SERVER_MAY_IMPORT = {
     *("ahead", "complaints"),
     *("baker", "scene", "specs", "shots", "types", "errors", "result", "io", "cache", "curve"),
-    "gallery",
+    *("gallery", "reading"),
 }
 
 

@@ -126,11 +126,17 @@ def test_the_command_compares(texsss, cube, tmp_path):
     assert done.returncode == 2 and "march-exact" in done.stderr and not (tmp_path / "not").exists()
 
 
-@pytest.mark.parametrize(("name", "file"), [("through-mm", "t.exr"), ("metric", "m.png")])
-def test_the_command_maps(texsss, cube, tmp_path, name, file):
+@pytest.mark.parametrize(
+    ("name", "file", "said"),
+    [
+        ("through-mm", "t.exr", "range through-mm: values from 20 to 20 mm"),
+        ("metric", "m.png", "range metric: black is 0, white 1; values from "),
+    ],
+)
+def test_the_command_maps(texsss, cube, tmp_path, name, file, said):
     done = texsss("map", cube, "--name", name, "--unit-mm", 10, "--size", 64, "--out", tmp_path / file)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / file).is_file()
+    assert (tmp_path / file).is_file() and said in done.stderr
     done = texsss("map", cube, "--name", "seams", "--unit-mm", 10, "--size", 64, "--out", tmp_path / "x.png")
     assert done.returncode == 2 and "seam-jump" in done.stderr and not (tmp_path / "x.png").exists()
     done = texsss("map", cube, "--name", "metric", "--out", tmp_path / "x.gif")

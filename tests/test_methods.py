@@ -35,6 +35,15 @@ def test_octree_agrees_with_the_bank(small):
     assert tree < 0.004 and tree < plainly  # measured .0014 and .0069 of the RMS
 
 
+def test_a_wrong_unit_is_told_with_a_place(small):
+    huge = {**small, "mesh": {**small["mesh"], "unit_mm": 1e4}}
+    baked = bake(plain(huge))
+    assert bool(torch.isfinite(baked.radiance).all())
+    (said,) = (note for note in baked.report["notes"] if "times as wide as the material" in note)
+    assert said.startswith(f"{baked.texels.covered_count:,} texels are more than 100 times")
+    assert " mm near (" in said
+
+
 def test_octree_sums_at_texels_or_at_hits(small):
     pictures = [
         bake(plain(small, diffusion="octree", octree={"spacing_mm": 2.0, "receivers": receivers})).picture

@@ -161,13 +161,17 @@ def map_(
     scene: Scene,
     sandbox: "Sandbox | None",
     name: Annotated[
-        str, typer.Option(help="irradiance, metric, through-mm, seam-jump, gaussian-3, …")
+        str,
+        typer.Option(
+            help="seam-jump, metric, through-mm, texel-mm, gaussian-3, weight-3, thickness-1, irradiance, "
+            "diffused, exitance, radiance, single, coverage, albedo, position or normal."
+        ),
     ] = "irradiance",
     out: Annotated[Path, typer.Option(help="The image, .png or .exr.")] = Path("map.exr"),
 ) -> None:
     """Writes what lies between the stages of a bake as an image over the atlas.
 
-    EXR holds the values themselves, PNG has them scaled to their greatest.
+    EXR holds the values themselves; PNG has them between black and white, which is told and kept in its text.
     """
     image_name(out)
     from texsss.baker import Baker
@@ -175,7 +179,8 @@ def map_(
 
     with shown_progress() as progress:
         found = Baker(sandbox=sandbox).intermediate(scene, name, progress=progress)
-    save_map(out, found)
+    read = save_map(out, name, found)
+    say("range", "cyan", f"{name}: {read.sentence if out.suffix.lower() == '.png' else read.values}")
     print(out)
 
 

@@ -48,10 +48,9 @@ class Diffusing(Beneath):
     @cached_property
     def doubts(self) -> Kept:
         """What is doubtful about the surface that light is to cross, in sentences."""
-        texels, variances = self.crossed.value, self.variances
-        crosses = self.scene.methods.diffusion in ("surface", "octree")
-        make = lambda: doubts(texels, variances, crosses=crosses, **self.hooks("doubts"))  # noqa: E731
-        return self.stage("doubts", make, self.crossed, variances, int(crosses))
+        texels, crosses = self.crossed.value, self.scene.methods.diffusion in ("surface", "octree")
+        make = lambda: doubts(texels, crosses=crosses, **self.hooks("doubts"))  # noqa: E731
+        return self.stage("doubts", make, self.crossed, int(crosses))
 
     def blur(self, stage: str) -> Diffusion:
         """The scene's diffusion of values at the texels."""

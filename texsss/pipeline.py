@@ -17,12 +17,13 @@ from texsss.diffusing import Diffusing
 from texsss.light.enclosed import enclosed
 from texsss.light.thickness import far_side
 from texsss.look import averaged, bent_away, check_deepest, scattered_once, seer, share_of, shower, tinted
-from texsss.profiles.advice import advice
+from texsss.profiles.advice import advice, spread
 from texsss.report import describe
 from texsss.result import Baked
 from texsss.surface.pose import doubts_of, stretch
 from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
+from texsss.transport.doubts import unsuited
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes, planes_radius
 from texsss.types import Float, Tensor
@@ -61,7 +62,7 @@ class Run(Diffusing):
             if stopped:
                 said.append(narrow_stop(stopped, len(self.variances), BUDGET_BYTES))
         if self.scene.methods.diffusion in SPREADING:
-            said += self.doubts.value
+            said += [*unsuited(texels, *spread(material)), *self.doubts.value]
         said += self.stretched
         said += enclosed(self.lights, mesh, self.occluder.value)
         said += placing.stretched({name: kept.value for name, kept in self.panoramas.items()})

@@ -19,6 +19,7 @@ from texsss.io.exr import write_exr
 from texsss.io.gltf import write_glb
 from texsss.io.images import encode_png, write_png
 from texsss.profiles.weights import Weights
+from texsss.reading import Reading, reading
 from texsss.surface.points import TexelMaps
 from texsss.types import Bool, Float, Progress, Tensor
 
@@ -134,17 +135,20 @@ class Baked:
         return {name: folder / name for name in FILES}
 
 
-def save_map(path: str | Path, image: Float[Tensor, "H W C"]) -> None:
-    """Writes an image of any values, of one channel as grey: EXR as they are, PNG scaled to their greatest.
+def save_map(path: str | Path, name: str, image: Float[Tensor, "H W C"]) -> Reading:
+    """Writes what lies between the stages under `name`, of one channel as grey; says how to read it.
 
+    EXR has the values as they are; PNG from black to white, which its text names.
     Raises AssetError: when it can't be written.
     """
-    path, image = Path(path), image.detach().expand(-1, -1, max(image.shape[-1], 3))
+    path, found = Path(path), reading(name, image)
+    image = image.detach().expand(-1, -1, max(image.shape[-1], 3))
     with staging(path.parent) as temporary:
         if path.suffix.lower() == ".exr":
             write_exr(temporary / path.name, image)
         else:
-            write_png(temporary / path.name, (image / image.amax().clamp_min(1e-30)).clamp(0, 1))
+            write_png(temporary / path.name, found.shown(image), text=found.text)
+    return found
 
 
 class staging:

@@ -22,7 +22,7 @@ STAGE_VERSIONS = {
     "curvature": 1,
     "light": 5,
     "operators": 10,
-    "doubts": 1,
+    "doubts": 2,
     "bank": 1,
     "thickness": 2,
     "samples": 1,

@@ -53,6 +53,18 @@ def test_intermediate_images(client, small, name, channels):
     assert Image.open(io.BytesIO(shown.content)).size == (64, 64)
 
 
+def test_images_of_data_say_what_black_and_white_are(client, small):
+    linear, seen = (
+        render(client, small, kind, image="texel-mm") for kind in ("application/x-npz", "image/png")
+    )
+    values = np.load(io.BytesIO(linear.content))["image"]
+    with Image.open(io.BytesIO(seen.content)) as shown:
+        black, white = (float(shown.info[name]) for name in ("black", "white"))
+        assert shown.info["unit"] == "mm" and "mm; values from" in shown.info["Description"]
+        levels = np.asarray(shown)[..., None] / 255
+    np.testing.assert_allclose(levels, ((values - black) / (white - black)).clip(0, 1), atol=0.5 / 255 + 1e-6)
+
+
 def test_more_gaussians_than_there_are(client, small):
     body = problem(render(client, small, image="gaussian-32"), 422, "invalid-parameters")
     assert "methods.terms" in body["detail"]

@@ -4,6 +4,7 @@ import io
 import struct
 import warnings
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import kornia_rs
@@ -64,18 +65,21 @@ def read_image(
     return _linear(levels, space, channel)
 
 
-def write_png(path: str | Path, image: Float[Tensor, "H W C"], bits: int = 8) -> None:
+def write_png(
+    path: str | Path, image: Float[Tensor, "H W C"], bits: int = 8, text: Mapping[str, str] | None = None
+) -> None:
     """Writes values in 0..1 as they are (encode them for a display first), whole or not at all.
 
-    1 channel is grey, 3 RGB, 4 RGBA; values outside are clipped.
+    1 channel is grey, 3 RGB, 4 RGBA; values outside are clipped. `text`: what the file says of itself, in
+    the letters of Latin-1, by keyword.
     Raises ShapeError, DomainError: for other channels or bits. Raises AssetError: when it cannot.
     """
-    data = encode_png(image, bits)
+    data = encode_png(image, bits, text)
     with replacing(path) as beside:
         beside.write_bytes(data)
 
 
-def encode_png(image: Float[Tensor, "H W C"], bits: int = 8) -> bytes:
+def encode_png(image: Float[Tensor, "H W C"], bits: int = 8, text: Mapping[str, str] | None = None) -> bytes:
     """The bytes of a PNG file; see `write_png`. Source: W3C PNG specification, 3rd edition."""
     height, width, channels = image.shape
     kind = {1: 0, 3: 2, 4: 6}.get(channels)
@@ -93,7 +97,9 @@ def encode_png(image: Float[Tensor, "H W C"], bits: int = 8) -> bytes:
     difference[1:] -= rows[:-1]
     body = np.concatenate([np.full((height, 1), 2, "u1"), difference], 1).tobytes()
     header = struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0)
-    return _PNG + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(body, 4)) + _chunk(b"IEND", b"")
+    said = (f"{name}\0{words}".encode("latin-1") for name, words in (text or {}).items())
+    parts = [_chunk(b"IHDR", header), *(_chunk(b"tEXt", one) for one in said)]
+    return b"".join([_PNG, *parts, _chunk(b"IDAT", zlib.compress(body, 4)), _chunk(b"IEND", b"")])
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""What to know about a material on a given object, in sentences: `advice`."""
+"""What to know about a material on a given object, in sentences: `advice`; how far light spreads in it."""
 
 import math
 
@@ -59,6 +59,15 @@ def advice(
                 "cuts them."
             )
     return sentences
+
+
+def spread(material: Material) -> tuple[float, float]:
+    """How far light spreads in a material at the least and at the most, over its places and channels [mm].
+
+    0 and infinity where there is nothing that it could meet.
+    """
+    paths, reaches, _ = _scales(as_table(material))
+    return _ends(reaches) if bool((paths < CLEAR).any()) else (0.0, math.inf)
 
 
 def _scales(table: LayerTable) -> tuple[Tensor, Tensor, bool]:

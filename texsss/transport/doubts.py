@@ -7,30 +7,28 @@ from texsss.surface.raster import contested_area
 from texsss.surface.topology import charts, components, edges, shared_edges
 from texsss.types import Cancel, Float, Int, Progress, Tensor, check_cancelled
 
-COARSE, FINE = 100.0, 0.01  # kernel widths that a texel may span
+COARSE, FINE = 100.0, 0.01  # times that light spreads; a texel may be so wide
 LOST = 1e-3  # share of a face's area under others that is not rounding
-BELOW = 1e-4  # share of the texels that may be of doubtful size
+BELOW = 1e-4  # share of the texels that may be of doubtful size, and of the surface that may have none
 
 
 def doubts(
     texels: TexelMaps,
-    variances: Float[Tensor, " K"],
     *,
     crosses: bool = True,
     progress: Progress | None = None,
     cancel: Cancel | None = None,
 ) -> list[str]:
-    """Sentences about open borders, crowded edges, lone charts, overlaps, padding and sizes of texels.
+    """Sentences about open borders, crowded edges, lone charts, charts without texels, overlaps and padding.
 
-    `variances` [mm²]: of the Gaussians; `crosses`: whether light passes edges and seams, else the first
-    three do not matter. Each sentence names a place [mm, as the mesh is scaled]; none if all is well.
+    `crosses`: whether light passes edges and seams, else the first three do not matter. Each sentence names
+    a place [mm, as the mesh is scaled]; none if all is well.
     Raises Cancelled.
     """
     said = []
     steps = (
         lambda: _of_edges(texels) if crosses else [],
         lambda: _of_charts(texels, crosses, cancel),
-        lambda: _of_sizes(texels, variances),
     )
     for k, step in enumerate(steps):
         check_cancelled(cancel)
@@ -78,6 +76,15 @@ def _of_charts(texels: TexelMaps, crosses: bool, cancel: Cancel | None) -> list[
             )
     lost = contested_area(mesh, texels.atlas_uv, texels.size, cancel)
     under = lost > LOST * mesh.face_area
+    held = torch.bincount(chart[texels.points.face[texels.covered].long()], minlength=number)
+    starved = (held == 0)[chart] & ~under
+    if float(mesh.face_area[starved].sum()) > BELOW * float(mesh.face_area.sum()):
+        at = torch.where(starved, mesh.face_area, 0).argmax()
+        said.append(
+            f"{_many(len(chart[starved].unique()), 'chart holds', 'charts hold')} no texel, "
+            f"{float(mesh.face_area[starved].sum()):.3g} mm² in all, as near {_place(centre[at])}: light of "
+            "others shows there; take a larger atlas, or give them more room in uv."
+        )
     if bool(under.any()):
         said.append(
             f"{_many(int(under.sum()), 'face lies', 'faces lie')} under others in uv, lit as those are, "
@@ -107,24 +114,35 @@ def _touching(texels: TexelMaps, chart: Int[Tensor, " F"]) -> Int[Tensor, " N"]:
     return real[differs.reshape(-1)[texels.index[real]]]
 
 
-def _of_sizes(texels: TexelMaps, variances: Float[Tensor, " K"]) -> list[str]:
+def unsuited(texels: TexelMaps, least_mm: float, most_mm: float) -> list[str]:
+    """Sentences about texels far wider or narrower than light spreads, and where; none if all is well.
+
+    `least_mm`, `most_mm`: how far it does at the least and at the most.
+    """
     real = torch.nonzero(texels.area > 0)[:, 0]
-    widths = variances[variances > 0].sqrt()
-    if not len(real) or not len(widths):
-        return []
     edge = texels.area[real].detach().sqrt()
     said = []
-    widest, narrowest = float(widths.max()), float(widths.min())
-    for out, at, width, why in (
-        (edge > COARSE * widest, edge.argmax(), widest, "nothing is seen of it there"),
-        (edge < FINE * narrowest, edge.argmin(), narrowest, "a smaller atlas would do"),
+    for out, extent, than, remedy in (
+        (
+            edge > COARSE * most_mm,
+            edge,
+            f"more than {COARSE:g} times as wide as the material spreads light ({most_mm:.3g} mm)",
+            "nothing is seen of it there; check the unit of the mesh, or give that part more room in uv.",
+        ),
+        (
+            edge < FINE * least_mm,
+            -edge,
+            f"less than {FINE:g} times as wide as the material spreads light ({least_mm:.3g} mm)",
+            "a smaller atlas would do; check the unit of the mesh, or give that part less room in uv.",
+        ),
     ):
-        share = float(out.float().mean())
-        if share > BELOW:
-            place = _place(texels.points[real[at][None]].position(texels.mesh).detach()[0])
+        count = int(out.sum())
+        if count > BELOW * len(edge):
+            worst = int(extent.argmax())
+            place = _place(texels.points[real[worst : worst + 1]].position(texels.mesh).detach()[0])
             said.append(
-                f"{share:.2%} of the texels do not suit a Gaussian of {width:.3g} mm, as near {place}, where "
-                f"one is {float(edge[at]):.3g} mm wide: {why}; check the unit of the mesh."
+                f"{_many(count, 'texel is', 'texels are')} {than}, {count / len(edge):.2%} of all, "
+                f"as that of {float(edge[worst]):.3g} mm near {place}: {remedy}"
             )
     return said
 
