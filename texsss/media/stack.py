@@ -88,6 +88,11 @@ class LayerTable:
         sigma_a, sigma_s, g, thickness = fields
         return replace(self, sigma_a=sigma_a, sigma_s=sigma_s, g=g, thickness=thickness)
 
+    @property
+    def first(self) -> "LayerTable":
+        """The first layer alone, as a half-space."""
+        return replace(self.of([x[..., :1, :] for x in self.fields]), eta=self.eta[:1], bottomless=True)
+
     def to(self, dtype: torch.dtype | None = None, device: torch.device | str | None = None) -> "LayerTable":
         return self.of([x.to(device=device, dtype=dtype) for x in self.fields])
 

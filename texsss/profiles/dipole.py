@@ -50,7 +50,7 @@ def dipole_hankel(table: LayerTable, s: Float[Tensor, " S"]) -> Float[Tensor, "S
 
     Layers beneath are ignored: a dipole knows none. Differentiable.
     """
-    layer = layers_of(table)[0]
+    layer = layers_of(table.first)[0]
     kappa = torch.sqrt(3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY)
     mirrored = (1 + 4 / 3 * egan_A(layer.eta)) / layer.sigma
     reached = torch.exp(-kappa / layer.sigma) + torch.exp(-kappa * mirrored)

@@ -209,9 +209,8 @@ def _scattered(layers, lights):
                 ratio = (below / layer.eta) ** 2
                 Y = tuple(z * ratio for z in Y)
             G = _within(Y, D, x, y, det, over)
-            first, second = (
-                crossing(rate * sheet.d2 + LEAST, sheet) for rate, sheet in zip((slow, fast), sheets)
-            )
+            squared = tuple(rate * sheet.d2 + LEAST for rate, sheet in zip((slow, fast), sheets))
+            first, second = (crossing(x, sheet) for x, sheet in zip(squared, sheets))
             (near1, far1), (near2, far2) = lit(first, sheets[0]), lit(second, sheets[1])
             z1, z2 = (f[0] + jump) / D[0], f[1] / D[1]
             z1, z2 = (z1 - y * z2) / det, (z2 - x * z1) / det
@@ -226,10 +225,10 @@ def _scattered(layers, lights):
                 near2 + part * (k2 * (far2 * B1 - (far1 + z1) * G[2]) - z2 * (_turned(second) * B1 + h2)),
             )
             gamma = (
-                (first.m**2 * B2 + first.c * h1) * part,
+                (squared[0] * B2 + first.c * h1) * part,
                 both * G[1],
                 both * G[2],
-                (second.m**2 * B1 + second.c * h2) * part,
+                (squared[1] * B1 + second.c * h2) * part,
             )
         # back to (u, v): D V γ V⁻¹ / d
         a, b = gamma[0] + y * gamma[2], gamma[1] + y * gamma[3]

@@ -1,7 +1,5 @@
 """Reflectance and transmittance of stacks in Hankel space, by any model: one function for all."""
 
-from dataclasses import replace
-
 import torch
 
 from texsss.errors import DomainError, ShapeError
@@ -42,8 +40,10 @@ def hankel_profiles(
     of the beam. `unmarched` is the total less what `march` adds to R, which no bottom mirrors and no index
     within refracts. dipole, better-dipole: the first layer as a half-space; those and multipole put the
     source at one depth, whatever the incidence; layered-diffusion lets diffuse light in at its mean cosine.
-    Differentiable in coefficients, thickness and `s`. Raises DomainError: for unknown names; the choices are
-    listed; for frequencies that are none, negative or not finite; ShapeError: unless they are (S,).
+    Differentiable in coefficients, thickness and `s`, also where they are 0; where R̂(0) of a white half-space
+    has -∞ by sigma_a, a finite number comes, some -4e12.
+    Raises DomainError: for unknown names; the choices are listed; for frequencies that are none, negative or
+    not finite; ShapeError: unless they are (S,).
     """
     s = _frequencies(s)
     table = as_table(material, s.dtype).to(device=s.device)
@@ -128,9 +128,9 @@ def _better_dipole(
     directions: Directions,
     phase: str,
 ) -> Float[Tensor, "S N"]:
-    first = table.of([x[..., :1, :] for x in table.fields])
-    first = replace(first, eta=table.eta[:1], bottomless=True)
-    once = layered_sp3.profile(first, s, directions, side="reflectance", scattering="single", phase=phase)
+    once = layered_sp3.profile(
+        table.first, s, directions, side="reflectance", scattering="single", phase=phase
+    )
     more = better_dipole(table, s)
     # a half-space of one index: the march sees all that scatters once
     R = {"single": once, "multiple": more, "unmarched": more, "total": once + more}[scattering]

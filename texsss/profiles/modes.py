@@ -25,6 +25,7 @@ from texsss.profiles.slab import FAR, THIN
 from texsss.types import Tensor
 
 LEAST = 1e-30  # m²
+SMALL = 1e-3  # m² below which series are exact
 
 
 class Ray(NamedTuple):
@@ -76,14 +77,38 @@ def sheet_of(d, rays, aside=1.0):
 
 @no_type_check
 def crossing(squared, sheet):
-    """The mode of m² = `squared` (S, N) in a sheet."""
+    """The mode of m² = `squared` (S, N) in a sheet.
+
+    Whatever is made of it is even in m. But derivatives by m cancel to rounding errors only, which 1 / m
+    multiplies on the way to m²: where they are asked for, m stays off 0, and those of c and h are a series'.
+    """
+    if squared.requires_grad:
+        squared = squared + near_zero(squared.dtype)
     m = torch.sqrt(squared)
     fall = -m
     less = torch.expm1(fall)
     decay = torch.clamp(fall, min=-FAR).exp_()  # denormal numbers beyond would take ten times longer
     over = fall / (less + 2).mul_(less)  # m / (1 - e^-2m)
     h = over * decay
-    return Crossing(decay, m, torch.addcmul(over, h, decay), h)
+    c = torch.addcmul(over, h, decay)
+    if squared.requires_grad:
+        c = torch.where(squared < SMALL, _series(squared, 1, 1 / 3, -1 / 45, 2 / 945), c)
+        h = torch.where(squared < SMALL, _series(squared, 1 / 2, -1 / 12, 7 / 720, -31 / 30240), h)
+    return Crossing(decay, m, c, h)
+
+
+def near_zero(dtype: torch.dtype) -> float:
+    """m² that is as good as 0, and at which derivatives by m² of what is even in m still have digits."""
+    return torch.finfo(dtype).eps ** 0.85
+
+
+@no_type_check
+def _series(x, *terms):
+    """Σ of terms xⁿ."""
+    total = terms[-1]
+    for term in reversed(terms[:-1]):
+        total = total * x + term
+    return total
 
 
 @no_type_check

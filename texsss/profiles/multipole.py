@@ -16,6 +16,7 @@ from texsss.media import fresnel
 from texsss.media.stack import LayerTable
 from texsss.numerics.exponentials import relexp
 from texsss.profiles.dipole import egan_A, pole
+from texsss.profiles.modes import near_zero
 from texsss.profiles.slab import TINY, Coefficients, layers_of
 from texsss.types import Float, Tensor
 
@@ -105,10 +106,14 @@ def slab_profile(layer: Coefficients, s: Tensor, above: float, below: float, pai
     """Hankel profiles of one layer between media over whose index its own is `above` and `below`."""
     l, z_b0, z_bd = _lengths(layer, above, below)
     albedo = layer.sigma_s * l
-    kappa = torch.sqrt(3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY)
+    squared = 3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY
     if layer.d is None:
+        kappa = torch.sqrt(squared)
         R = albedo / 2 * torch.exp(-kappa * l) * (1 + torch.exp(-2 * kappa * z_b0))
         return Slab(R, torch.zeros_like(R), torch.zeros_like(R), torch.zeros_like(R))
+    if squared.requires_grad:  # even in kappa: see modes.crossing
+        squared = squared + near_zero(squared.dtype) / (layer.d + z_b0 + z_bd) ** 2
+    kappa = torch.sqrt(squared)
     if pairs is not None:
         both = (_explicit(albedo, kappa, l, layer.d, *z, pairs) for z in ((z_b0, z_bd), (z_bd, z_b0)))
     else:
@@ -152,7 +157,7 @@ def better_dipole(table: LayerTable, s: Float[Tensor, " S"]) -> Float[Tensor, "S
     Grosjean's D, exact moments of the boundary, exitance from fluence and flux, albedo'² because what
     scattered once is counted apart. Source: d'Eon 2012, A better dipole.
     """
-    layer = layers_of(table)[0]
+    layer = layers_of(table.first)[0]
     c1, c2 = fresnel.moments(table.eta[0])
     albedo, l = layer.sigma_s / layer.sigma, 1 / layer.sigma
     D = (2 - albedo) / (3 * layer.sigma)

@@ -17,6 +17,9 @@ from texsss.types import Tensor
 CLEAR = 1e-6  # a layer extinguishes at least this [1/mm], so that a clear one has a finite D
 FAR = 40.0  # e^-x beyond is nothing: products of what is left are no denormal numbers
 DEEP = 1e5  # optical depth from which layers are equal: in white ones 1e-5 of the light comes through
+# Where derivatives are asked for, those at 0 are of a layer that is hardly there ...
+FAINT = 1e-9  # and scatters this much [1/mm]
+ABSENT = 1e-10  # of this optical depth, or [mm]: derivatives by a thickness of THIN are rounding errors
 THIN = 1e-15  # [mm] that every layer is thicker, so that an absent one has an admittance
 TINY = 1e-24  # keeps the derivative of √ finite where nothing is absorbed and s = 0
 
@@ -48,7 +51,11 @@ class Light(NamedTuple):
 
 
 def layers_of(table: LayerTable, reduced: bool = True) -> list[Coefficients]:
-    """The layers of a table from the surface inwards; with the true coefficients unless `reduced`."""
+    """The layers of a table from the surface inwards; with the true coefficients unless `reduced`.
+
+    Differentiable, also at 0. Where a layer neither absorbs nor scatters, derivatives are those at which it
+    scatters a little; one that absorbs a little has others by sigma_a in slabs, and by the diffusion models.
+    """
     count, channels = len(table.eta), table.channels
     # one copy per field, in the order in which it will be read
     fields = [x.reshape(-1, count * channels).t().contiguous().view(count, 1, -1) for x in table.fields]
@@ -57,9 +64,14 @@ def layers_of(table: LayerTable, reduced: bool = True) -> list[Coefficients]:
     for k, (sigma_a, sigma_s, g, d) in enumerate(zip(*fields, strict=True)):
         if reduced and not isotropic:
             sigma_s = sigma_s * (1 - g)
-        sigma = (sigma_a + sigma_s).clamp_min(CLEAR)
+        endless, least = table.bottomless and k == count - 1, CLEAR
+        if table.requires_grad and not endless:
+            least = FAINT
+            sigma_s = sigma_s + (least - sigma_a - sigma_s).clamp_min(0).detach()
+            d = d + ABSENT / (1 + sigma_a + sigma_s).detach()
+        sigma = (sigma_a + sigma_s).clamp_min(least)
         # beyond it squares would overflow
-        d = None if table.bottomless and k == count - 1 else torch.minimum(d, DEEP / sigma)
+        d = None if endless else torch.minimum(d, DEEP / sigma)
         layers.append(Coefficients(sigma_a, sigma_s, sigma, g, d, table.eta[k]))
     return layers
 
