@@ -4,7 +4,7 @@ A slab of thickness d under a source at depth l = 1 / sigma_t' needs poles at z_
 and z_v,i = z_r,i - 2l - 2 z_b0. For d ≥ l their sum over all i has a closed form in Hankel space. A
 thinner slab, for which the model is not made (Mayorga drops those below 1.5 l), gets its source at the
 bottom and of only d / l of the light; the rest passes straight on and counts as transmitted. So energy
-is kept, and a slab that vanishes is not there.
+is kept, and a slab that vanishes is not there; nor is what its surface would mirror, where the index differs.
 Source: Donner & Jensen 2005, with the transmittance as corrected by Mayorga 2008; d'Eon 2012.
 """
 
