@@ -56,6 +56,7 @@ class Run(Diffusing):
             texel_mm=texels.texel_mm,
             extent_mm=float(mesh.extent.max()),
             thickness_mm=math.inf if self.scene.methods.transmission else float(thick),
+            model=self.scene.methods.profile,
         )
         if self.scene.methods.diffusion == "surface":
             stopped = int((~affordable(self.crossed.value, self.variances, BUDGET_BYTES)).sum())

@@ -50,3 +50,14 @@ def test_layers_deeper_than_a_plate_are_named():
     assert advice(stack, texel_mm=0.4, extent_mm=100.0) == []
     (said,) = advice(stack, texel_mm=0.4, extent_mm=100.0, thickness_mm=2.0)
     assert "20 mm" in said and "(2 mm)" in said
+
+
+def test_layers_that_a_model_leaves_out_are_named():
+    def said(model: str, thickness: float) -> list[str]:
+        layers = [Layer(preset("skin1"), thickness), Layer(preset("skin2"))]
+        return advice(Stack(layers), texel_mm=0.4, extent_mm=400.0, model=model)
+
+    assert "outermost of 2 layers" in said("better-dipole", 3.0)[0]
+    assert "down to 0.39 of one" in said("multipole", 0.5)[0]  # of the red mean free path, 1.3 mm
+    assert said("multipole", 3.0) == said("layered-sp3", 0.5) == []
+    assert advice(preset("skin1"), texel_mm=0.4, extent_mm=400.0, model="dipole") == []

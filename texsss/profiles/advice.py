@@ -14,9 +14,14 @@ CLEAR = 1e12  # [mm]
 
 
 def advice(
-    material: Material, *, texel_mm: float, extent_mm: float, thickness_mm: float = math.inf
+    material: Material,
+    *,
+    texel_mm: float,
+    extent_mm: float,
+    thickness_mm: float = math.inf,
+    model: str = "layered-sp3",
 ) -> list[str]:
-    """Sentences about a material that does not suit the object's scale; none if it does.
+    """Sentences about a material that does not suit the object's scale, or its model; none if it does.
 
     `texel_mm`: size of a texel; `extent_mm`: largest extent of the object [mm]; `thickness_mm`: of most of
     it. The scale of a material is how far light goes that enters it: the mean free path of all layers, and
@@ -58,7 +63,26 @@ def advice(
                 f"({thickness_mm:.3g} mm): give thicknesses in mm, or ask for methods.transmission, which "
                 "cuts them."
             )
-    return sentences
+    return sentences + _unknown_to(model, table)
+
+
+def _unknown_to(model: str, table: LayerTable) -> list[str]:
+    """What of the layers a published model leaves out."""
+    if model in ("dipole", "better-dipole") and (len(table.eta) > 1 or not table.bottomless):
+        return [
+            f"{model} knows the outermost of {len(table.eta)} layers alone, as if it had no end: choose "
+            "layered-sp3, layered-diffusion or multipole to have all."
+        ]
+    thickness = table.thickness.detach()
+    paths = 1 / (table.sigma_a + table.sigma_s * (1 - table.g)).detach().clamp_min(1 / CLEAR)
+    thin = (thickness < paths * (1 - 1e-6)) & (thickness > 0)
+    if model != "multipole" or not bool(thin.any()):
+        return []
+    ratio = torch.where(thin, thickness / paths, math.inf).amin()
+    return [
+        f"multipole is not made for layers thinner than a mean free path, here down to {float(ratio):.2g} of "
+        "one: choose layered-sp3, which knows all."
+    ]
 
 
 def spread(material: Material) -> tuple[float, float]:
