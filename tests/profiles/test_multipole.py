@@ -6,6 +6,7 @@ import pytest
 import torch
 from profile_stacks import random_table
 
+from texsss.errors import DomainError
 from texsss.media import fresnel
 from texsss.media.medium import Medium
 from texsss.media.presets import preset
@@ -198,6 +199,19 @@ def test_grid_reproduces_the_combination_it_stands_for():
     dropped, _ = grid_gaussians(table, drop_below_mfp=10.0)
     alone, _ = grid_gaussians(Stack(layers[1:]).table())
     torch.testing.assert_close(dropped.weights, alone.weights)
+
+
+def test_the_grid_drops_thin_layers_texel_by_texel():
+    """As the paper does: each texel is what it would be alone."""
+    top, base = Medium(0.01, 2.0, 0.0, 1.4), Medium(0.3, 1.5, 0.0, 1.4)
+    thickness = torch.tensor([[0.1, 2.0], [0.74, 0.75]], dtype=torch.float64)
+    options = {"fit": "grid", "drop_below_mfp": 1.5}  # .746 mm
+    painted = fit_gaussians(Stack([Layer(top, thickness), Layer(base)]), **options)
+    for (i, j), layers in {(0, 0): [], (0, 1): [2.0], (1, 0): [], (1, 1): [0.75]}.items():
+        alone = fit_gaussians(Stack([*(Layer(top, d) for d in layers), Layer(base)]), fit="grid")
+        torch.testing.assert_close(painted.weights[i, j], alone.weights)
+    with pytest.raises(DomainError, match="lower drop_below_mfp"):
+        fit_gaussians(Stack(Layer(top, thickness)), **options)
 
 
 @pytest.mark.parametrize("thickness", [0.0, 0.001, 0.3, 1.0])

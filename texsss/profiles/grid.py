@@ -38,26 +38,47 @@ def grid_gaussians(
     """R and T of a stack as sums of Gaussians: nine terms, or up to 100 unless `sparse`.
 
     `table`: rows of any batch. `drop_below_mfp`: a layer thinner than so many mean free paths is taken
-    for absent, as the paper does at 1.5; this looks at the mean over rows and channels.
-    Differentiable in the coefficients. Raises DomainError: when every layer is dropped.
+    for absent in that row, as the paper does at 1.5; of channels the mean counts.
+    Differentiable in the coefficients. Raises DomainError: when every layer of a row is dropped.
     """
-    kept = [k for k in range(len(table.eta)) if not _thin(table, k, drop_below_mfp)]
-    if not kept:
-        raise DomainError(
-            f"grid: expected a layer of at least {drop_below_mfp} mean free paths, got none; "
-            "lower drop_below_mfp."
-        )
-    whole = None
-    for k in reversed(kept):
-        slab = _layer(table, kept, k, pairs)
-        whole = slab if whole is None else _over(slab, whole)
-    assert whole is not None, "a stack has layers"
+    if drop_below_mfp is None:
+        whole = _combined(table, list(range(len(table.eta))), pairs)
+    else:
+        whole = _dropped(table, drop_below_mfp, pairs)
     variances = STEP * torch.arange(1, CAP + 1).to(whole[0])
-    results = [GaussianSum(variances, side) for side in (whole[0], whole[1])]
+    results = [GaussianSum(variances, side) for side in whole]
     if sparse:
         nine = torch.tensor(NINE, dtype=torch.float64).to(variances)
         results = [GaussianSum(nine, split(x.variances, x.weights, nine)) for x in results]
     return results[0], results[1]
+
+
+def _dropped(table: LayerTable, limit: float, pairs: int) -> list[Tensor]:
+    """R+ and T+ of every row without its thin layers: rows that drop the same ones are combined at once."""
+    rows = table.of([x.reshape(-1, *x.shape[-2:]) for x in table.fields])
+    reduced = (rows.sigma_a + rows.sigma_s * (1 - rows.g)).detach()
+    thick = ~((rows.thickness.detach() * reduced).mean(-1) < limit)
+    if table.bottomless:
+        thick[:, -1] = True
+    if not bool(thick.any(-1).all()):
+        raise DomainError(
+            f"grid: expected a layer of at least {limit} mean free paths, got none; lower drop_below_mfp."
+        )
+    patterns, pattern = torch.unique(thick, dim=0, return_inverse=True)
+    whole = [reduced.new_zeros(len(pattern), CAP, table.channels)] * 2
+    for k, kept in enumerate(patterns):
+        some = (pattern == k).nonzero()[:, 0]
+        found = _combined(rows.rows(some), kept.nonzero()[:, 0].tolist(), pairs)
+        whole = [x.index_copy(0, some, part) for x, part in zip(whole, found, strict=True)]
+    return [x.reshape(*table.batch, *x.shape[1:]) for x in whole]
+
+
+def _combined(table: LayerTable, kept: list[int], pairs: int) -> list[Tensor]:
+    """R+ and T+ of the layers `kept`, on top of each other."""
+    whole = _layer(table, kept, kept[-1], pairs)
+    for k in reversed(kept[:-1]):
+        whole = _over(_layer(table, kept, k, pairs), whole)
+    return [whole[0], whole[1]]
 
 
 def pole_weights(x: Float[Tensor, "..."]) -> list[Tensor]:
@@ -195,11 +216,3 @@ def _over(upper, lower) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         lower[2] + bounced(multiply(multiply(lower[3], upper[2]), lower[1])),
         bounced(multiply(lower[3], upper[3])),
     )
-
-
-def _thin(table: LayerTable, k: int, limit: float | None) -> bool:
-    if limit is None or (table.bottomless and k == len(table.eta) - 1):
-        return False
-    reduced = table.sigma_s[..., k, :] * (1 - table.g[..., k, :])
-    depth = table.thickness[..., k, :] * (table.sigma_a[..., k, :] + reduced)
-    return float(depth.detach().mean()) < limit
