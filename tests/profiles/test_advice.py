@@ -24,6 +24,7 @@ def test_skin_on_a_head_needs_no_advice():
         (preset("marble"), 0.002, 2.0, "farther than the object"),
         (Stack([Layer(preset("skin1"), 30.0), Layer(preset("skin2"))]), 0.02, 20.0, "deeper than the object"),
         (Medium(1000.0, 1000.0), 0.5, 300.0, "less than a quarter of a texel"),
+        (Medium(1e-8, 0.0), 0.5, 300.0, "longer than the object"),
     ],
 )
 def test_scales_that_do_not_fit_are_named(material, texel_mm, extent_mm, said):
@@ -39,6 +40,15 @@ def test_films_that_hardly_scatter_say_nothing_of_what_lies_beneath(film):
 
 def test_white_and_dense_matter_spreads_light_a_little():
     assert "quarter of a texel" in advice(Medium(0.0, 1e5), texel_mm=0.4, extent_mm=400.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("medium", "reach"), [(Medium(1.0, 9.0), 30**-0.5), (Medium(0.0, 2.0), 35.0), (Medium(9.0, 1.0), 0.1)]
+)
+def test_advice_begins_at_a_quarter_of_a_texel(medium, reach):
+    """Of the diffusion length; of 70 mean free paths where that is endless, of one where that is shorter."""
+    assert advice(medium, texel_mm=3.99 * reach, extent_mm=1e6) == []
+    assert "quarter of a texel" in advice(medium, texel_mm=4.01 * reach, extent_mm=1e6)[0]
 
 
 def test_matter_that_does_nothing_is_named():

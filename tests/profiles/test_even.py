@@ -10,7 +10,9 @@ from reference.layers import Layer as Row
 from reference.stacks import S as MC_S
 from reference.stacks import read_stacks
 
+from texsss.profiles.even import prepare
 from texsss.profiles.hankel import hankel_profiles
+from texsss.profiles.slab import layers_of
 
 S = torch.tensor([0.0, 0.05, 0.3, 1.0, 4.0, 20.0], dtype=torch.float64)
 
@@ -33,6 +35,13 @@ def test_thin_slabs_between_mirroring_faces_are_lit_evenly(layers):
     assert 0.95 < factor < 1.2
     for total, first, more in zip(ours, once, truth, strict=True):
         np.testing.assert_allclose(total - first, factor * more, rtol=0, atol=0.004 * truth[0][0])
+
+
+@pytest.mark.parametrize("layers", [ALIKE, ALIKE[:2], [Row(0.2, 0.7, 0.9, eta=1.1)]])
+def test_even_light_and_two_modes_share_what_scatters(layers):
+    """By optical depth, index and how unlike the layers are; measured 1e-16."""
+    known = prepare(layers_of(stack_of(layers).table(torch.float64)), ((1.0, 1.0),))
+    assert float(known.rest) == pytest.approx(1 - even.share(layers), rel=1e-9)
 
 
 @pytest.mark.parametrize("eta", [1.2, 1.4, 1.6])

@@ -39,6 +39,16 @@ def test_gaussian_sums_check_themselves():
         GaussianSum(-torch.ones(2), torch.ones(2, 1))
 
 
+@pytest.mark.parametrize(
+    ("texel", "extent", "widest"),
+    [(0.5, 400.0, 14.0), (0.2, 100.0, 5.0), (0.02, 20.0, 2.0), (4.0, 20.0, 4.8)],
+)
+def test_ladders_reach_from_the_texel_to_the_object(texel, extent, widest):
+    """Deviations of .6 texels to 3.5 % of the extent; of small ones to 5 mm, a tenth, or twice the first."""
+    ladder = variance_ladder(texel, extent).sqrt()
+    assert [float(x) for x in ladder[[0, 1, -1]]] == pytest.approx([0.0, 0.6 * texel, widest])
+
+
 def test_ladders_depend_on_geometry_alone():
     ladder = variance_ladder(0.5, 400.0, 8)
     assert ladder.shape == (8,) and float(ladder[0]) == 0 and bool((ladder.diff() > 0).all())
