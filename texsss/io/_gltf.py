@@ -89,6 +89,7 @@ class _Reader:
         self.notes: list[str] = []
 
     def read(self) -> RawMesh:
+        """All triangles of the scene as one mesh. Raises Fault: when it has none, or is malformed."""
         vertices, faces, uv = [], [], []
         seen = triangles = 0
         for mesh, matrix in self._instances():

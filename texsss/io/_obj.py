@@ -51,7 +51,10 @@ class _Statements:
         self.rest = [rest for kind, rest in found if kind == key]
 
     def table(self, *, least: int, most: int) -> np.ndarray:
-        """The first `most` numbers of every statement, 0 where fewer than that but `least` are given."""
+        """The first `most` numbers of every statement, 0 where fewer than that but `least` are given.
+
+        Raises Fault: where fewer than `least` are, or what is no number.
+        """
         if self.rest and all(map(str.strip, self.rest)):
             with suppress(ValueError):  # a short one, or no number: word by word
                 return np.loadtxt(self.rest, usecols=range(most), ndmin=2, comments=None)
@@ -64,7 +67,7 @@ class _Statements:
         return np.array(values, dtype=np.float64).reshape(-1, most)
 
     def all_read(self, read: Callable[[str], object], words: list[list[str]], given: Iterable[str]) -> list:
-        """`read` of all `given` words; where one is not understood, the fault of the line it is on."""
+        """`read` of all `given` words. Raises Fault, naming the line: where one is not understood."""
         try:
             return list(map(read, given))
         except ValueError:

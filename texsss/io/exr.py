@@ -27,7 +27,8 @@ def write_exr(path: str | Path, image: Float[Tensor, "H W C"], half: bool = Fals
     names = _NAMES.get(image.shape[2])
     if names is None or 0 in image.shape:
         raise ShapeError(
-            f"{path}: expected an image with 1, 3 or 4 channels, got shape {tuple(image.shape)}."
+            f"{path}: expected an image with 1, 3 or 4 channels, got shape {tuple(image.shape)}; write more "
+            "channels to several files."
         )
     array = image.detach().cpu().float().numpy()
     array = array.clip(-_HALF_MOST, _HALF_MOST).astype(np.float16) if half else array

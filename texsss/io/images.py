@@ -80,15 +80,19 @@ def write_png(
 
 
 def encode_png(image: Float[Tensor, "H W C"], bits: int = 8, text: Mapping[str, str] | None = None) -> bytes:
-    """The bytes of a PNG file; see `write_png`. Source: W3C PNG specification, 3rd edition."""
+    """The bytes of a PNG file of display values; see `write_png`.
+
+    Raises ShapeError, DomainError: as there. Source: W3C PNG specification, 3rd edition.
+    """
     height, width, channels = image.shape
     kind = {1: 0, 3: 2, 4: 6}.get(channels)
     if kind is None or 0 in image.shape:
         raise ShapeError(
-            f"write_png: expected an image with 1, 3 or 4 channels, got shape {tuple(image.shape)}."
+            f"write_png: expected an image with 1, 3 or 4 channels, got shape {tuple(image.shape)}; "
+            "write others as EXR, one to three at a time."
         )
     if bits not in (8, 16):
-        raise DomainError(f"write_png: expected 8 or 16 bits, got {bits}.")
+        raise DomainError(f"write_png: expected 8 or 16 bits, got {bits}; write_exr has floats.")
     most = 2**bits - 1
     levels = (torch.nan_to_num(image.detach().cpu()).clamp(0, 1) * most + 0.5).floor().numpy()
     rows = levels.astype(">u2" if bits == 16 else "u1").reshape(height, -1).view("u1")

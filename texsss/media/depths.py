@@ -129,7 +129,8 @@ def depths_of(
     """RGBA depth textures of the finite layers of `stack`, the inverse of `stack_from_depths`.
 
     Depths beyond `range_mm` are clamped to it; channels without a layer repeat the last. Of thickness
-    per channel the mean is taken. Uniform stacks give textures of one texel.
+    per channel the mean is taken. Uniform stacks give textures of one texel. Differentiable.
+    Raises ShapeError: without a finite layer; DomainError: for a range that is none.
     """
     stack = stack if isinstance(stack, Stack) else Stack(stack)
     values = scaled(boundaries(stack), range_mm, invert)
@@ -159,7 +160,10 @@ def scaled(
     """Depths [mm] as values 0..1 of `range_mm`, clamped to it. Raises DomainError: for no such range."""
     low, high = _ends(range_mm)
     if not 0 <= low < high < float("inf"):
-        raise DomainError(f"Depth texture: expected a range 0 <= low < high [mm], got {low:g}..{high:g}.")
+        raise DomainError(
+            f"Depth texture: expected a range 0 <= low < high [mm], got {low:g}..{high:g}; "
+            "it says how deep black and white are."
+        )
     values = ((depth - low) / (high - low)).clamp(0, 1)
     return 1 - values if invert else values
 

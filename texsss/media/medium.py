@@ -1,7 +1,7 @@
 """A scattering medium: what a millimetre of it absorbs, scatters and deflects."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -238,7 +238,7 @@ def _alike(a: Tensor, b: Tensor, share: Tensor) -> list[Tensor]:
     return list(torch.broadcast_tensors(a.to(share.dtype), b.to(share.dtype), share))
 
 
-def home(values) -> tuple[torch.dtype, torch.device]:
+def home(values: Iterable[Any]) -> tuple[torch.dtype, torch.device]:
     """The widest real dtype and the device of the tensors among `values`; float64 on the CPU without any."""
     tensors = [v for v in values if isinstance(v, Tensor)]
     real = [t.dtype for t in tensors if t.dtype.is_floating_point]

@@ -32,7 +32,7 @@ def depths_from_meshes(
     Rays start a hair inside; the depths count from the surface.
     """
     if not layers:
-        raise ShapeError("depths_from_meshes: expected at least one layer mesh, got none.")
+        raise ShapeError("depths_from_meshes: expected at least one layer mesh, got none; pass one.")
     around = Occluder(mesh)
     inside = [Occluder(layer) for layer in layers]
     found = []

@@ -118,10 +118,13 @@ def opacity_from_photograph(
 
     Local contrast (freckles, hairs, wrinkles; below `detail_texels`) and darkness make opaque. Linear
     colour, tiled, unless `blur` knows its charts, as `Beyond.smoothed` does. Differentiable.
+    Raises DomainError: unless 0 <= least <= most <= 1.
     Source: Norberg 2010, 2.2, who used filters of GIMP; ours are these.
     """
     if not 0 <= least <= most <= 1:
-        raise DomainError(f"opacity: expected 0 <= least <= most <= 1, got {least:g} and {most:g}.")
+        raise DomainError(
+            f"opacity: expected 0 <= least <= most <= 1, got {least:g} and {most:g}; 1 hides what is below."
+        )
     grey = _grey(photograph)
     detail = (grey - (_smoothed if blur is None else blur)(grey, detail_texels)).abs()
     spread = detail.mean().clamp_min(1e-6)
@@ -137,10 +140,13 @@ def normals_from_photograph(
 
     Variations broader than `detail_texels` are taken for colour and left out. `strength` scales
     slopes; the typical one is then that number times 0.2. Linear colour, tiled. Differentiable.
+    Raises DomainError: for a strength that is negative or not finite.
     Source: the usual emboss filter, as in Norberg 2010, 2.2.
     """
     if not 0 <= strength < float("inf"):
-        raise DomainError(f"normals: expected a finite strength >= 0, got {strength:g}.")
+        raise DomainError(
+            f"normals: expected a finite strength >= 0, got {strength:g}; 1 is usual, 0 makes them flat."
+        )
     grey = _grey(photograph)[..., 0]
     height = grey - _smoothed(grey[..., None], detail_texels)[..., 0]
     along_u = (height.roll(-1, 1) - height.roll(1, 1)) / 2

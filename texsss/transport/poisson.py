@@ -11,9 +11,8 @@ from texsss.surface.points import TexelMaps
 from texsss.types import Cancel, Float, Progress, Tensor, check_cancelled
 
 CANDIDATES = 40  # darts per sample, of which the one farthest from all others stays
-WIDEST_SHARE = (
-    0.25  # of the square that a disc's radius may take: tiny faces have any number of texels per mm
-)
+# of the square that a disc's radius may take: tiny faces have any number of texels per mm
+WIDEST_SHARE = 0.25
 GUTTER_TRACE = 1e-4  # a gutter texel's weight: it is blurred, and shines on no other to speak of
 TURN = math.pi * (3 - math.sqrt(5))  # from pass to pass, so that the disc's pattern does not repeat
 
@@ -61,7 +60,7 @@ def diffuse_poisson(
     """
     if passes < 1 or reduction < 1:
         raise DomainError(
-            f"poisson: expected passes and reduction of 1 or more, got {passes} and {reduction}."
+            f"poisson: expected passes and reduction >= 1, got {passes} and {reduction}; 2 serve well."
         )
     if not bool((torch.isfinite(variances) & (variances >= 0)).all()):
         raise DomainError(f"poisson: expected variances of 0 or more, got {variances.tolist()}; in mm².")

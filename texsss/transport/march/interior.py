@@ -32,6 +32,7 @@ class Interior:
 
     @property
     def layers(self) -> int:
+        """How many layers there are."""
         return self.sigma_s.shape[-2]
 
     @property
@@ -46,6 +47,7 @@ class Interior:
 
     @property
     def requires_grad(self) -> bool:
+        """Whether any field asks for gradients."""
         return any(x.requires_grad for x in (self.depth, self.sigma_s, self.sigma_t, self.g))
 
     def to(self, other: Tensor) -> "Interior":
