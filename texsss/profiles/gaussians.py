@@ -27,7 +27,9 @@ class GaussianSum:
                 f"{self.variances.shape[0]}; weights are (..., K, C)."
             )
         if not bool((self.variances >= 0).all()):
-            raise DomainError("GaussianSum: expected variances >= 0 [mm²], got a negative one or NaN.")
+            raise DomainError(
+                "GaussianSum: expected variances >= 0 [mm²], got others; variance_ladder makes some."
+            )
 
     @property
     def total(self) -> Float[Tensor, "*B C"]:

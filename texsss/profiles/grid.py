@@ -3,7 +3,7 @@
 Every pole becomes four Gaussians; every Gaussian is split between the two nearest of {v, 2v, …, 50v}.
 Convolution of two profiles is then a product of polynomials, and the bounces between layers a series
 of them. Terms beyond the cap gather in the last one, so that weight is kept; so does what a finite number
-of poles and bounces leaves out, without which layers that absorb little made light of nothing.
+of poles and bounces leaves out, without which layers that absorb little would make light of nothing.
 Source: Mayorga 2008, A Combined Approach to Subsurface Scattering; poles by d'Eon et al. 2007. The paper
 leaves the pole's unit of variance open: v0 = z² / (1 + x), x = sigma_tr |z|, found numerically, is within
 1.2 % at x = 1 and 2.2 % at 4.

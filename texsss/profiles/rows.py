@@ -107,8 +107,7 @@ def by_maps(table: LayerTable) -> tuple[Int[Tensor, " U"], Int[Tensor, " P"]] | 
         if sets > PAIRS:
             return None
     row, sets = _numbered(row)
-    first = torch.full((sets,), count, device=row.device)
-    first.scatter_reduce_(0, row, torch.arange(count, device=row.device), "amin")
+    first = _firsts(row, sets)
     least = float((high - low).min()) / ALIKE
     moving = set(torch.unravel_index(columns, shape)[0].tolist())
     known = [x[first] if k in moving else x[:1] for k, x in enumerate(fields)]
@@ -210,11 +209,14 @@ def _unique_rows(rows: Float[Tensor, "P F"]) -> tuple[Int[Tensor, " U"], Int[Ten
     # multiply-and-shift hash: sorting one integer per row is far cheaper than sorting rows
     mixed = bits * odd
     _, row = torch.unique((mixed ^ (mixed >> 29)).sum(1), return_inverse=True)
-    count = int(row.max()) + 1
-    first = torch.full((count,), rows.shape[0], device=rows.device)
-    first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
+    first = _firsts(row, int(row.max()) + 1)
     if not torch.equal(rows[first][row], rows):  # two rows shared a hash: do it the slow way
         _, row = torch.unique(rows, dim=0, return_inverse=True)
-        first = torch.full((int(row.max()) + 1,), rows.shape[0], device=rows.device)
-        first.scatter_reduce_(0, row, torch.arange(rows.shape[0], device=rows.device), "amin")
+        first = _firsts(row, int(row.max()) + 1)
     return first, row
+
+
+def _firsts(row: Int[Tensor, " P"], sets: int) -> Int[Tensor, " U"]:
+    """Where the first of each set is, by the set of each row."""
+    first = torch.full((sets,), len(row), device=row.device)
+    return first.scatter_reduce_(0, row, torch.arange(len(row), device=row.device), "amin")

@@ -76,18 +76,12 @@ def mirrored(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
 
     `table`: of a stack without a bottom, batch () or (P,). Upper layers end in the middle at most.
     """
-    count, layers = len(thickness), table.sigma_a.shape[-2]
-    fields = [x.expand(count, layers, x.shape[-1]) for x in table.fields]
-    upper, left = [], (thickness / 2)[:, None].to(fields[3])
-    for i in range(layers - 1):
-        depth = torch.minimum(fields[3][:, i], left)
-        upper.append(depth)
-        left = left - depth
-    depths = torch.stack([*upper, (2 * left).expand_as(fields[3][:, 0]), *reversed(upper)], 1)
-    order = [*range(layers), *reversed(range(layers - 1))]
-    sigma_a, sigma_s, g = (x[:, order] for x in fields[:3])
+    *fields, own = (x.expand(len(thickness), *x.shape[-2:]) for x in table.fields)
+    upper, left = _room(own, thickness / 2)
+    depths = torch.stack([*upper, 2 * left, *reversed(upper)], 1)
+    order = [*range(len(upper) + 1), *reversed(range(len(upper)))]
     eta = tuple(table.eta[i] for i in order)
-    return replace(table.of([sigma_a, sigma_s, g, depths]), eta=eta, bottomless=False)
+    return replace(table.of([*(x[:, order] for x in fields), depths]), eta=eta, bottomless=False)
 
 
 def ended(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
@@ -95,15 +89,20 @@ def ended(table: LayerTable, thickness: Float[Tensor, " P"]) -> LayerTable:
 
     `table`: of a stack without a bottom, batch () or (P,).
     """
-    count, layers = len(thickness), table.sigma_a.shape[-2]
-    sigma_a, sigma_s, g, own = (x.expand(count, layers, x.shape[-1]) for x in table.fields)
-    depths, left = [], thickness[:, None].to(own)
-    for i in range(layers - 1):
-        depth = torch.minimum(own[:, i], left)
-        depths.append(depth)
-        left = left - depth
-    depths.append(left.expand_as(own[:, 0]))
-    return replace(table.of([sigma_a, sigma_s, g, torch.stack(depths, 1)]), bottomless=False)
+    *fields, own = (x.expand(len(thickness), *x.shape[-2:]) for x in table.fields)
+    upper, left = _room(own, thickness)
+    return replace(table.of([*fields, torch.stack([*upper, left], 1)]), bottomless=False)
+
+
+def _room(
+    own: Float[Tensor, "P L C"], thickness: Float[Tensor, " P"]
+) -> tuple[list[Float[Tensor, "P C"]], Float[Tensor, "P C"]]:
+    """How thick all layers but the last are within `thickness` [mm], and what that leaves to the last."""
+    upper, left = [], thickness[:, None].to(own).expand_as(own[:, 0])
+    for depth in own[:, :-1].unbind(1):
+        upper.append(torch.minimum(depth, left))
+        left = left - upper[-1]
+    return upper, left
 
 
 def straight(passed: Weights, thickness: Float[Tensor, " P"], finest_mm: float | int = 0.0) -> Weights:
