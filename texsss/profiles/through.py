@@ -6,7 +6,7 @@ import torch
 
 from texsss.media.stack import FAR_MM, LayerTable, Stack
 from texsss.profiles.incidence import Incidence
-from texsss.profiles.weights import Weights, weights_for
+from texsss.profiles.weights import Weights, weights_for, without_negative
 from texsss.types import Cancel, Float, Progress, Tensor
 
 STEP = 0.005  # of thickness, relative: half of it moves what passes by less than a step of 8 bits
@@ -124,10 +124,7 @@ def straight(passed: Weights, thickness: Float[Tensor, " P"], finest_mm: float |
     unfit = (exponent > STEEPEST) | (variances.sqrt() < finest_mm)
     first = unfit.sum(1, keepdim=True).clamp_max(len(order) - 1)
     heir = torch.maximum(number, first)
-    positive = passed.table.clamp_min(0)
-    some = positive.sum(1, keepdim=True)
-    share = passed.table.sum(1, keepdim=True).clamp_min(0) / torch.where(some > 0, some, 1)
-    weight = (positive * share)[:, order]
+    weight = without_negative(passed.table)[:, order]
     taken = torch.zeros_like(weight).scatter_add(1, heir[:, :, None].expand_as(weight), weight)
     grown = taken * torch.exp(exponent.clamp_max(STEEPEST))[:, :, None].to(taken)
     return replace(passed, table=grown[:, torch.argsort(order)])

@@ -59,6 +59,16 @@ class Weights:
         return replace(self, table=table, row=rows.to(torch.int32))
 
 
+def without_negative(table: Float[Tensor, "U K C"]) -> Float[Tensor, "U K C"]:
+    """Negative weights as 0 and the others scaled to keep their sum; all 0 where that is not above 0.
+
+    Differentiable.
+    """
+    positive = table.clamp_min(0)
+    whole, kept = positive.sum(1, keepdim=True), table.sum(1, keepdim=True).clamp_min(0)
+    return positive * (kept / torch.where(whole > 0, whole, 1))
+
+
 def weights_for(
     material: Material,
     variances: Float[Tensor, " K"],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.profiles.weights import Weights
+from texsss.profiles.weights import Weights, without_negative
 from texsss.surface.points import TexelMaps
 from texsss.transport.budget import affordable
 from texsss.transport.operators import Operators, surface_operators
@@ -154,8 +154,7 @@ def exitance(
             f"exitance: the rule {rule!r} blurs per material, got no blur; pass diffusion(texels)."
         )
     if rule == "geometric-mean":
-        positive = table.clamp_min(0)
-        table = (positive * _ratio(table.sum(1, keepdim=True), positive.sum(1, keepdim=True)) + TINY).sqrt()
+        table = (without_negative(table) + TINY).sqrt()
     total = torch.zeros_like(bank.irradiance)
     for k in range(len(bank.variances)):
         check_cancelled(cancel)
@@ -180,12 +179,6 @@ def _weighted(
             weight = table.index_select(0, row[part]).transpose(0, 1).contiguous()
         parts.append((weight * values[:, part]).sum(0))
     return torch.cat(parts) if parts else values.sum(0)
-
-
-def _ratio(above: Tensor, below: Tensor) -> Tensor:
-    """`above` / `below` for what is positive, else 0."""
-    sound = (above > 0) & (below > 0)
-    return torch.where(sound, above / torch.where(sound, below, 1), 0)
 
 
 def _check(weights: Weights, bank: Bank) -> None:

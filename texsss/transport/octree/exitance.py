@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError
-from texsss.profiles.weights import Weights
+from texsss.profiles.weights import Weights, without_negative
 from texsss.transport.bank import RULES
 from texsss.transport.octree.integrate import integrated
 from texsss.transport.octree.sources import Sources, sources
@@ -175,8 +175,5 @@ def _weights(
         return weights.table.new_ones(1, 1, 1)
     table = weights.table
     if power == 0.5:
-        positive = table.clamp_min(0)
-        some = positive.sum(1, keepdim=True)
-        share = table.sum(1, keepdim=True).clamp_min(0) / torch.where(some > 0, some, 1)
-        table = (positive * share).sqrt()
+        table = without_negative(table).sqrt()
     return table[:, chosen][weights.row[rows].long()].transpose(0, 1)
