@@ -24,7 +24,10 @@ def sheet(rows: list[list[Panel]], columns: int) -> Float[Tensor, "h w 3"]:
     lines = [row[start : start + columns] for row in rows for start in range(0, len(row), columns)]
     sizes = {panel[2].shape for line in lines for panel in line}
     if len(sizes) != 1:
-        raise ShapeError(f"sheet: expected pictures of one size, got {sorted(map(tuple, sizes)) or 'none'}.")
+        raise ShapeError(
+            f"sheet: expected pictures of one size, got {sorted(map(tuple, sizes)) or 'none'}; "
+            "pass some, all alike."
+        )
     height, width, _ = sizes.pop()
     title = max(12, round(width / 22))
     head = 3 * title

@@ -77,7 +77,8 @@ def shade_layers(
     """
     if len(inner) != len(inner_light):
         raise ShapeError(
-            f"parallax: expected a lightmap per inner layer, got {len(inner_light)} for {len(inner)}."
+            f"parallax: expected a lightmap per inner layer, got {len(inner_light)} for {len(inner)}; "
+            "blur one for each."
         )
     down = transmission(view, normal)
     per_depth = 1 / -down[:, 2:]

@@ -26,7 +26,8 @@ def check_method(method: str, samples: Any, phase: str, environment_samples: int
         )
     if min(environment_samples, area_samples) < 1:
         raise DomainError(
-            f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}."
+            f"march: expected at least 1 sample per light, got {environment_samples} and {area_samples}; "
+            "16 serve well."
         )
 
 
@@ -64,7 +65,9 @@ def check_points(points: int, thickness: Tensor | None, normals: Tensor | None) 
         if given is None:
             continue
         if given.shape != shape:
-            raise ShapeError(f"march: expected {name} of shape {shape}, got {tuple(given.shape)}.")
+            raise ShapeError(
+                f"march: expected {name} of shape {shape}, got {tuple(given.shape)}; give a row per point."
+            )
         if bool(torch.isnan(given.detach()).any()):
             raise DomainError(f"march: expected numbers as {name}, got NaN; check what made them.")
 
@@ -81,5 +84,6 @@ def check_entered(points: int, lights: int, entered: Sequence[Tensor | None] | N
     for known in entered:
         if known is not None and known.shape != (points, 3):
             raise ShapeError(
-                f"march: expected what entered as {(points, 3)}, got shape {tuple(known.shape)}."
+                f"march: expected what entered as {(points, 3)}, got shape {tuple(known.shape)}; give a row "
+                "per point."
             )

@@ -34,7 +34,9 @@ class Noise:
                     f"Noise: expected a finite {name} >= 0, got {scale:g}; 0 is none, 1 all of it."
                 )
         if self.texture is not None and (self.texture.ndim != 2 or self.texture.numel() == 0):
-            raise ShapeError(f"Noise: expected a texture (H, W), got {tuple(self.texture.shape)}.")
+            raise ShapeError(
+                f"Noise: expected a texture (H, W), got {tuple(self.texture.shape)}; take one channel of it."
+            )
         if self.texture is not None and not bool(torch.isfinite(self.texture).all()):
             raise DomainError("Noise: expected a finite texture, got NaN or infinity; repair the image.")
 

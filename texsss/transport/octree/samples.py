@@ -21,7 +21,9 @@ def surface_samples(mesh: Mesh, spacing_mm: float) -> tuple[Points, Float[Tensor
     Source: Mayorga 2008, section 4.1 (the mean free path for the spacing).
     """
     if not (spacing_mm > 0 and spacing_mm < float("inf")):
-        raise DomainError(f"octree: expected a spacing > 0 of samples [mm], got {spacing_mm:g}.")
+        raise DomainError(
+            f"octree: expected a spacing > 0 of samples [mm], got {spacing_mm:g}; take a mean free path."
+        )
     parts = _parts(mesh, spacing_mm)
     total = int((parts * (parts + 1) // 2).sum())
     if total > MOST_SAMPLES:
