@@ -10,6 +10,7 @@
     sp3         its use for the two-mode model, the twin of `layered-sp3`'s R_c
     four_streams  discrete ordinates of two cosines per hemisphere, the twin of `four_streams.lacking`
     even        light that is everywhere alike in a thin slab, the twin of `even`
+    multipole   sources and sinks of one slab, the twin of `multipole`
     plate       random walks through a plate that is thicker in one place than in another
     transport   tabulated solutions of the integral transport equation
     stacks      the stacks of the accuracy table and their tabulated Monte Carlo results

@@ -12,8 +12,8 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.media.stack import LayerTable
-from texsss.profiles.dipole import egan_A, pole
-from texsss.profiles.multipole import PAIRS, Slab, neighbours, poles_of
+from texsss.profiles.dipole import pole
+from texsss.profiles.multipole import PAIRS, Slab, lengths, neighbours, poles_of
 from texsss.profiles.slab import TINY, layers_of
 from texsss.types import Float, Tensor
 
@@ -47,8 +47,7 @@ def fft_combined(
     for k in reversed(range(len(layers))):
         layer = layers[k]
         above, below = neighbours(table.eta, k)
-        l = 1 / layer.sigma
-        z_b0, z_bd = 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
+        l, z_b0, z_bd = lengths(layer.sigma, above, below)
         sigma_tr = torch.sqrt(3 * layer.sigma_a * layer.sigma + TINY)
         albedo = layer.sigma_s * l
         if layer.d is None:

@@ -15,10 +15,9 @@ import torch
 
 from texsss.errors import DomainError
 from texsss.media.stack import LayerTable
-from texsss.profiles.dipole import egan_A
 from texsss.profiles.gaussians import GaussianSum
 from texsss.profiles.hankel import unflattened
-from texsss.profiles.multipole import PAIRS, neighbours, poles_of, slab_profile
+from texsss.profiles.multipole import PAIRS, lengths, neighbours, poles_of, slab_profile
 from texsss.profiles.slab import layers_of
 from texsss.types import Float, Tensor
 
@@ -156,9 +155,8 @@ def _layer(table: LayerTable, kept: list[int], k: int, pairs: int) -> tuple[Tens
     sigma_a, d = table.sigma_a[..., k, :], table.thickness[..., k, :]
     sigma_s = table.sigma_s[..., k, :] * (1 - table.g[..., k, :])
     sigma = (sigma_a + sigma_s).clamp_min(1e-6)
-    l, sigma_tr = 1 / sigma, torch.sqrt(3 * sigma_a * sigma + 1e-24)
-    z_b0, z_bd = 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
-    albedo = sigma_s * l
+    l, z_b0, z_bd = lengths(sigma, above, below)
+    albedo, sigma_tr = sigma_s * l, torch.sqrt(3 * sigma_a * sigma + 1e-24)
     if table.bottomless and k == len(table.eta) - 1:
         poles = [(l, 1.0), (-l - 2 * z_b0, -1.0)]
         R = _on_grid(poles, albedo, sigma_tr, totals[0])

@@ -15,7 +15,7 @@ import torch
 from texsss.media import fresnel
 from texsss.media.stack import LayerTable
 from texsss.numerics.exponentials import relexp
-from texsss.profiles.dipole import egan_A, pole
+from texsss.profiles.dipole import egan_A
 from texsss.profiles.modes import near_zero
 from texsss.profiles.slab import TINY, Coefficients, layers_of
 from texsss.types import Float, Tensor
@@ -84,27 +84,18 @@ def poles_of(l: Tensor, d: Tensor, z_b0: Tensor, z_bd: Tensor, pairs: int) -> Po
     return Poles(reflected, transmitted)
 
 
-def multipole_slab(
-    r: Float[Tensor, " R"], table: LayerTable, pairs: int = PAIRS
-) -> tuple[Float[Tensor, "R C"], Float[Tensor, "R C"]]:
-    """R(r) and T(r) of a single slab by the explicit sum of poles [1/mm²]; `r` [mm]."""
-    (layer,) = layers_of(table)
-    assert layer.d is not None
-    l, z_b0, z_bd = _lengths(layer, table.eta[0], table.eta[0])
-    sigma_tr = torch.sqrt(3 * layer.sigma_a * layer.sigma)
-    poles = poles_of(l, layer.d, z_b0, z_bd, pairs)
-    sums = [sum(sign * pole(r[:, None], z, sigma_tr) for z, sign in side) for side in poles]
-    return layer.sigma_s * l / 2 * sums[0], layer.sigma_s * l / 2 * sums[1]
+def lengths(sigma: Tensor, above: float, below: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Depth of the source, and how far beyond the top and the bottom the fluence vanishes [mm].
 
-
-def _lengths(layer: Coefficients, above: float, below: float) -> tuple[Tensor, Tensor, Tensor]:
-    l = 1 / layer.sigma
+    `sigma` [1/mm]: reduced extinction, of a layer whose index is `above` and `below` times its neighbours'.
+    """
+    l = 1 / sigma
     return l, 2 / 3 * egan_A(above) * l, 2 / 3 * egan_A(below) * l
 
 
 def slab_profile(layer: Coefficients, s: Tensor, above: float, below: float, pairs: int | None) -> Slab:
     """Hankel profiles of one layer between media over whose index its own is `above` and `below`."""
-    l, z_b0, z_bd = _lengths(layer, above, below)
+    l, z_b0, z_bd = lengths(layer.sigma, above, below)
     albedo = layer.sigma_s * l
     squared = 3 * layer.sigma_a * layer.sigma + s[:, None] ** 2 + TINY
     if layer.d is None:
