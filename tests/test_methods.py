@@ -1,5 +1,7 @@
 """Methods beside the default through the whole pipeline: octree, Poisson discs, light from the far side."""
 
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -9,6 +11,7 @@ from texsss.io.images import write_png
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles.hankel import hankel_profiles
+from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.stages import STAGE_VERSIONS
 
@@ -70,32 +73,56 @@ def test_light_passes_through_thin_parts_alone(small):
         assert all(out < into for out, into in zip(energy["left_w"], energy["entered_w"], strict=True))
 
 
+SIDE = 24.0  # of a plate [mm]
+
+
+def plate(folder: Path, thickness: float, layers: list[dict], **methods) -> Scene:
+    """Two sides [mm] without an edge, lit on one by 1 W/m², 32² texels."""
+    rows = []
+    for z, u in ((0.0, 0.02), (-thickness, 0.52)):
+        for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)):
+            rows.append(f"v {x * SIDE} {y * SIDE} {z}\nvt {u + 0.46 * x} {0.02 + 0.46 * y}")
+    (folder / "plate.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3 4/4", "f 8/8 7/7 6/6 5/5"]))
+    return Scene.parse(
+        {
+            "mesh": {"source": str(folder / "plate.obj"), "unit_mm": 1},
+            "atlas": {"uv": "source", "size": 32},
+            "material": {"layers": layers},
+            "lights": [{"type": "directional", "direction": [0, 0, -1], "irradiance_w_per_m2": [1, 1, 1]}],
+            "methods": {"transmission": True} | methods,
+        }
+    )
+
+
+def middles(baked: Baked) -> list[torch.Tensor]:
+    """Which texels lie in the middle of a plate's dark side, and of its lit one."""
+    place = baked.texels.points.position(baked.texels.mesh)
+    middle = ((place[:, :2] - SIDE / 2).abs() < 3).all(1)
+    return [middle & (place[:, 2] == 0), middle & (place[:, 2] < 0)]
+
+
 @pytest.mark.parametrize("thickness", [0.3, 1.0])
 def test_plates_thinner_than_the_octrees_samples_are_apart_pass_what_they_should(tmp_path, thickness):
     """T̂(0) of a plate lit from behind, whose sides are nearer than the samples."""
-    path = tmp_path / "plate.obj"
-    side, rows = 24.0, []
-    for z, u in ((0.0, 0.02), (-thickness, 0.52)):
-        for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)):
-            rows.append(f"v {x * side} {y * side} {z}\nvt {u + 0.46 * x} {0.02 + 0.46 * y}")
-    faces = ["f 1/1 2/2 3/3 4/4", "f 8/8 7/7 6/6 5/5"]
-    path.write_text("\n".join(rows + faces))
-    scene = Scene.parse(
-        {
-            "mesh": {"source": str(path), "unit_mm": 1},
-            "atlas": {"uv": "source", "size": 32},
-            "material": {"layers": [{"medium": "marble"}]},
-            "lights": [{"type": "directional", "direction": [0, 0, -1], "irradiance_w_per_m2": [1, 1, 1]}],
-            "methods": {"diffusion": "octree", "transmission": True, "octree": {"spacing_mm": 1.0}},
-        }
-    )
-    baked = bake(scene)
-    place = baked.texels.points.position(baked.texels.mesh)
-    middle = ((place[:, :2] - side / 2).abs() < 3).all(1) & (place[:, 2] == 0)
+    marble = [{"medium": "marble"}]
+    baked = bake(plate(tmp_path, thickness, marble, diffusion="octree", octree={"spacing_mm": 1.0}))
     _, T = hankel_profiles(Stack([Layer(preset("marble"), thickness)]), torch.zeros(1))
     assert any("The surface is open" in note for note in baked.report["notes"])
-    passed = baked.texel_exitance[middle].mean(0) / baked.texel_irradiance.amax(0)
+    passed = baked.texel_exitance[middles(baked)[0]].mean(0) / baked.texel_irradiance.amax(0)
     torch.testing.assert_close(passed, T[0], rtol=0.01, atol=0)
+
+
+@pytest.mark.parametrize("diffusion", ["surface", "uv", "octree"])
+def test_a_leaf_is_a_stack_with_two_faces(tmp_path, diffusion):
+    """Layers with a bottom return and pass what they do by themselves, as thick as the mesh or not."""
+    leaf = Stack([Layer(preset("apple"), 0.3), Layer(preset("potato"), 0.2)])
+    layers = [{"medium": "apple", "thickness_mm": 0.3}, {"medium": "potato", "thickness_mm": 0.2}]
+    baked = bake(plate(tmp_path, 0.4, layers, diffusion=diffusion, octree={"spacing_mm": 1.0}))
+    entered = baked.texel_irradiance.amax(0)
+    passed, returned = (baked.texel_exitance[side].mean(0) / entered for side in middles(baked))
+    R, T = hankel_profiles(leaf, torch.zeros(1))
+    torch.testing.assert_close(passed, T[0], rtol=0.005, atol=0)
+    torch.testing.assert_close(returned, R[0], rtol=0.005, atol=0)
 
 
 def test_thick_objects_let_nothing_through(small):
