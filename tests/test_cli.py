@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,9 +15,11 @@ from command import told
 from obj_files import SQUARE_OBJ
 from PIL import Image
 
+from texsss import terminal
 from texsss.baker import Baker
 from texsss.errors import Cancelled
 from texsss.io.sandbox import Sandbox
+from texsss.numerics import native
 from texsss.scene import Scene
 
 FILES = {"irradiance.exr", "radiance.exr", "radiance.png", "preview.png", "model.glb", "report.json"}
@@ -34,6 +37,17 @@ def test_installed_command_says_what_it_does():
     done = subprocess.run([command, "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
     assert all(word in done.stdout for word in ("bake", "render", "scene"))
+
+
+def test_slower_ways_are_told_as_notes(capfd):
+    """Not as warnings of Python, with a file and a line; those of others stay what they are."""
+    native.notice.cache_clear()
+    with terminal.noted_warnings():
+        native.notice("no C++ compiler was found")
+        with pytest.warns(UserWarning, match="of others"):
+            warnings.warn("of others", stacklevel=1)
+    said = "note March and diffusion run uncompiled, several times slower, because no C++ compiler was found."
+    assert capfd.readouterr().err.strip() == said
 
 
 def test_bake_writes_the_six_files(texsss, cube, tmp_path):

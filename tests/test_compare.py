@@ -35,6 +35,14 @@ def test_methods_are_what_they_say(small):
         asked(scene, "parallax")
 
 
+@pytest.mark.parametrize("march", ["march-exact", "march-uniform+through"])
+def test_a_march_beside_a_total_is_refused_before_anything_is_baked(small, march, monkeypatch):
+    """As in a scene: the profile holds what is marched."""
+    monkeypatch.setattr(Baker, "bake", lambda *_, **__: pytest.fail("baked"))
+    with pytest.raises(DomainError, match=f"{march[:11]}.*'multipole'.*leave"):
+        compare(plain(small, profile="multipole"), ("surface", march))
+
+
 def test_all_are_lit_alike(small):
     """One method that knows no light from other parts has all do without; operators are nobody's seconds."""
     scene = plain(small, interreflection=1, octree={"spacing_mm": 3.0})

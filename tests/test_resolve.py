@@ -36,7 +36,13 @@ def test_a_mask_may_be_finer_than_the_maps_it_mixes():
 
 
 def test_a_medium_that_cannot_be_is_named():
-    media = {"ink": {"sigma_a_per_mm": 1e7, "sigma_s_per_mm": 1.0}}
-    scene = Scene.parse({"media": media, "material": {"layers": [{"medium": "ink"}]}})
+    painted = {"map": "spots", "range": [0, 1e6]}
+    scene = Scene.parse(
+        {
+            "maps": {"spots": {"source": {"path": "spots.exr"}}},
+            "media": {"ink": {"sigma_a_per_mm": painted, "sigma_s_per_mm": 1.0}},
+            "material": {"layers": [{"medium": "ink"}]},
+        }
+    )
     with pytest.raises(DomainError, match=r"media\.ink: Medium\.sigma_a: expected at most 1e\+06"):
-        resolve.stack(scene, {})
+        resolve.stack(scene, {"spots": torch.full((2, 2, 1), 5.0)})

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from texsss import scene as module
 from texsss.errors import AssetError, DomainError, TexsssError
+from texsss.material import MOST_PER_MM
+from texsss.media.medium import MOST
 from texsss.profiles.two_modes import ETA_MAX
 from texsss.scene import GREATEST_ETA, Scene, migrate
 from texsss.specs import Source
@@ -82,6 +84,30 @@ def test_a_source_that_is_stated_takes_the_place_of_the_default_objects():
             ["media.x.g.2: expected more than -1, got -1"],
         ),
         (
+            {"material": {"layers": [{"thickness_mm": {"map": "v", "range": [2, 0]}}]}},
+            ["layers.0", "thickness_mm to rise, got 2 to 0", "set invert"],
+        ),
+        (
+            {"media": {"x": {"sigma_a_per_mm": {"map": "v", "range": [1, 0]}, "sigma_s_per_mm": 1.0}}},
+            ["media.x", "sigma_a_per_mm to rise", "set invert"],
+        ),
+        (
+            {"media": {"x": {"sigma_a_per_mm": {"map": "v", "range": [0, 1e7]}, "sigma_s_per_mm": 1.0}}},
+            ["media.x", "1e+06 at most, got 1e+07", "unit"],
+        ),
+        (
+            {"media": {"x": {"sigma_a_per_mm": 0.1, "sigma_s_per_mm": 1e7}}},
+            ["media.x.sigma_s_per_mm", "expected at most 1"],
+        ),
+        (
+            {"media": {"x": {"sigma_a_per_mm": [0.1, 2e6, 0.1], "sigma_s_per_mm": 1.0}}},
+            ["media.x.sigma_a_per_mm.1", "expected at most 1"],
+        ),
+        (
+            {"material": {"layers": [{"medium": "skin1"}, {"medium": "marble", "thickness_mm": 1.0}]}},
+            ["material", "thickness_mm of layers.0", "only the last of 2 layers"],
+        ),
+        (
             {"methods": {"profile": "multipole", "single_scattering": "exact"}},
             ["methods: single_scattering: expected none", "'multipole'", "choose layered-sp3"],
         ),
@@ -93,6 +119,10 @@ def test_bad_field_is_named_in_one_sentence(data, names):
     message = str(caught.value)
     assert all(name in message for name in names), message
     assert "\n" not in message
+
+
+def test_scenes_and_media_have_one_bound():
+    assert MOST_PER_MM == MOST
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "{'a': 1}", "\x00", '"x"', "[" * 100000])

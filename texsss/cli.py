@@ -17,7 +17,15 @@ from texsss.ahead import Ahead, leave
 from texsss.errors import TexsssError
 from texsss.options import takes_scene
 from texsss.scene import Scene
-from texsss.terminal import EXIT_INTERRUPTED, image_name, say, show_table, shown_progress, writable
+from texsss.terminal import (
+    EXIT_INTERRUPTED,
+    image_name,
+    noted_warnings,
+    say,
+    show_table,
+    shown_progress,
+    writable,
+)
 
 if TYPE_CHECKING:
     from texsss.io.sandbox import Sandbox
@@ -299,7 +307,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Runs the command line and exits; a user's mistake is one sentence and exit code 2."""
     try:
         given = sys.argv[1:] if arguments is None else arguments
-        code = app(args=given or ["--help"], standalone_mode=False)
+        with noted_warnings():
+            code = app(args=given or ["--help"], standalone_mode=False)
     except TexsssError as error:
         say("error", "red", str(error))
         sys.exit(EXIT_BAD_INPUT)

@@ -12,7 +12,7 @@ from texsss.baker import Baker
 from texsss.errors import DomainError
 from texsss.io.images import write_png
 from texsss.io.sheet import Panel, difference_map, sheet
-from texsss.methods import ALONE
+from texsss.methods import ALONE, SPLITS
 from texsss.result import staging
 from texsss.scene import Scene
 from texsss.types import Cancel, Float, Progress, Tensor
@@ -137,7 +137,7 @@ def compare(
     it, if left out, or else the first. What methods share is made before anything is timed. Parts light
     each other in none, if one of the methods does not know how.
     Raises DomainError: when a method or the reference is unknown, or named twice, or nothing lies beneath
-    the surface for parallax; else as a bake.
+    the surface for parallax, or a march has a profile that knows only the total; else as a bake.
     """
     lit, alone = scene.methods, any(name.removesuffix(THROUGH) in ALONE for name in methods)
     if alone:
@@ -178,7 +178,10 @@ def compare(
 
 
 def asked(scene: Scene, name: str) -> Scene:
-    """The scene by one method, over a black background. Raises DomainError: when the name is unknown."""
+    """The scene by one method, over a black background.
+
+    Raises DomainError: when the name is unknown, or marches beside a profile of the total.
+    """
     method = name.removesuffix(THROUGH)
     if method not in METHODS:
         raise DomainError(
@@ -186,6 +189,11 @@ def asked(scene: Scene, name: str) -> Scene:
         )
     kind = method.removeprefix("march-")
     change = {"diffusion": "surface", "single_scattering": kind} if kind != method else {"diffusion": method}
+    if kind != method and scene.methods.profile not in SPLITS:
+        raise DomainError(
+            f"compare: {name} marches what methods.profile {scene.methods.profile!r}, which knows only the "
+            f"total, holds already; choose {' or '.join(SPLITS)}, or leave {name} out."
+        )
     change = {"single_scattering": "none"} | change | {"transmission": name.endswith(THROUGH)}
     if method in ALONE:
         change |= {"interreflection": 0, "angular": False}

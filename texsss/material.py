@@ -4,11 +4,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from texsss.specs import Colour, Cosine, Model, NonNegative, Number, Positive, Unit
+from texsss.specs import Cosine, Model, NonNegative, Number, Positive, Unit
+
+MOST_PER_MM = 1e6
+"""What a medium's coefficients may be [1/mm]: `media.medium.MOST`, before anything is read."""
+
+PerMm = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MOST_PER_MM)]
 
 
 class MapValue(Model):
-    """A coefficient or thickness painted in a map: 0 and 1 of the map mean the ends of `range`.
+    """A coefficient or thickness painted in a map: 0 and 1 of the map mean the ends of `range`, or
+    the other way round if `invert` says so; a range that falls is refused.
 
     Nothing stands in for a range that is left out: a map alone says nothing of millimetres.
     """
@@ -26,8 +32,8 @@ class MediumSpec(Model):
     """
 
     preset: str | None = None
-    sigma_a_per_mm: NonNegative | Colour | MapValue | None = None
-    sigma_s_per_mm: NonNegative | Colour | MapValue | None = None
+    sigma_a_per_mm: PerMm | tuple[PerMm, PerMm, PerMm] | MapValue | None = None
+    sigma_s_per_mm: PerMm | tuple[PerMm, PerMm, PerMm] | MapValue | None = None
     g: Cosine | tuple[Cosine, Cosine, Cosine] = 0.0
     eta: Annotated[Number, Field(ge=1, le=3)] = 1.3
     phase: Literal["henyey-greenstein", "schlick"] = "henyey-greenstein"
@@ -48,10 +54,22 @@ class MediumSpec(Model):
 
 
 def _check_range(field: str, value: Any, unit: str) -> None:
-    if isinstance(value, MapValue) and value.range is None:
+    if not isinstance(value, MapValue):
+        return
+    if value.range is None:
         raise ValueError(
             f"expected a range beside the map {value.map!r} of {field}, got none; "
             f'say what its 0 and 1 mean [{unit}], as in "range": [0.1, 2]'
+        )
+    low, high = value.range
+    if low > high:
+        raise ValueError(
+            f"expected the range of {field} to rise, got {low:g} to {high:g}; exchange them and set invert "
+            "to true"
+        )
+    if unit == "1/mm" and high > MOST_PER_MM:
+        raise ValueError(
+            f"expected a range of {field} up to {MOST_PER_MM:g} at most, got {high:g}; check the unit"
         )
 
 
@@ -130,7 +148,14 @@ class MaterialSpec(Model):
 
     @model_validator(mode="after")
     def _one_thickness(self) -> "MaterialSpec":
-        if self.depths is not None:
+        if self.depths is None:
+            for number, layer in enumerate(self.layers[:-1]):
+                if layer.thickness_mm is None:
+                    raise ValueError(
+                        f"expected a thickness_mm of layers.{number}, got none; only the last of "
+                        f"{len(self.layers)} layers may be without end"
+                    )
+        else:
             for number, layer in enumerate(self.layers):
                 if layer.thickness_mm is not None:
                     raise ValueError(

@@ -1,6 +1,7 @@
 """What the command line shows, and checks of where it may write."""
 
 import os
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,12 +15,32 @@ from texsss.errors import AssetError
 
 EXIT_INTERRUPTED = 130
 
+OURS = "texsss: "  # how warnings of the project begin
+
 console = Console(stderr=True)
 
 
 def say(kind: str, colour: str, sentence: str) -> None:
     """A sentence to the user, word for word: file names may look like markup."""
     console.print(Text.assemble((kind, colour), " ", sentence), soft_wrap=True)
+
+
+@contextmanager
+def noted_warnings():
+    """Warnings of the project as notes, every one; those of others as ever."""
+    with warnings.catch_warnings():
+        others = warnings.showwarning
+
+        def show(message, *rest, **where):
+            sentence = str(message)
+            if not sentence.startswith(OURS):
+                return others(message, *rest, **where)
+            sentence = sentence.removeprefix(OURS)
+            say("note", "yellow", sentence[:1].upper() + sentence[1:])
+
+        warnings.showwarning = show
+        warnings.filterwarnings("always", message=OURS, category=RuntimeWarning)
+        yield
 
 
 def show_table(title: str, rows: dict) -> None:

@@ -13,6 +13,7 @@ import texsss as tx
 from texsss.profiles.weights import weights_for
 
 M, ladder = tx.preset("skin1"), torch.tensor([1.0, 4.0])
+burley = tx.fit_burley(M)
 image, unit = torch.full((2, 2, 4), 0.5), (0, 1)
 wrong = [
     lambda: tx.Stack(None),
@@ -71,6 +72,13 @@ wrong = [
     lambda: tx.fit_gaussians(M, terms=2.5),
     lambda: tx.fit_gaussians(M, drop_below_mfp="thin"),
     lambda: tx.fit_gaussians(M, fit="grid", drop_below_mfp=-1),
+    lambda: tx.Medium(1.0, 1.0, 0.0, True),
+    lambda: burley.evaluate([1.0]),
+    lambda: burley.evaluate(torch.ones(1, 1)),
+    lambda: burley.evaluate(torch.ones(1) + 0j),
+    lambda: burley.hankel(1.0),
+    lambda: burley.hankel("x"),
+    lambda: burley.hankel(torch.zeros(1) + 0j),
     lambda: tx.human_skin().evaluate("x"),
     lambda: tx.human_skin().evaluate(torch.tensor([-1.0])),
 ]

@@ -11,13 +11,16 @@ from texsss.media.medium import Medium
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles.advice import advice
+from texsss.profiles.burley import Burley, fit_burley
 from texsss.profiles.fit import fit_gaussians
 from texsss.profiles.hankel import MODELS, hankel_profiles
 from texsss.profiles.project import variance_ladder
+from texsss.profiles.radial import RadialProfile
 from texsss.profiles.weights import weights_for
 
 S = torch.tensor([0.0, 0.5, 4.0], dtype=torch.float64)
 SKIN = preset("skin1")
+BURLEY = Burley(torch.tensor([0.6]), torch.tensor([0.8]))
 
 
 @pytest.mark.parametrize(
@@ -31,6 +34,13 @@ SKIN = preset("skin1")
         (lambda: Medium(0.1, 1.0, 1.0), "-1 < g < 1.*sigma_s = 0"),
         (lambda: Medium(0.1, 1.0, -1.0), "-1 < g < 1"),
         (lambda: Medium(0.1, 1.0, 0.0, 0.9), "eta >= 1"),
+        (lambda: Medium(True, 1.0), "sigma_a.*a number.*got True"),
+        (lambda: Layer(SKIN, True), "thickness.*got True"),
+        (lambda: Stack([Layer(SKIN), Layer(SKIN)]), "layer 0 of 2.*only the last"),
+        (lambda: BURLEY.evaluate(torch.tensor([0.0, 1.0])), "r > 0.*got 0"),
+        (lambda: BURLEY.evaluate(torch.tensor([math.nan])), "r > 0.*got nan"),
+        (lambda: BURLEY.hankel(torch.tensor([-1.0])), "s >= 0.*got -1"),
+        (lambda: Burley(torch.tensor([0.5]), torch.tensor([0.0])), "d > 0.*got 0"),
         (lambda: Layer(SKIN, -0.5), "thickness.*>= 0"),
         (lambda: Layer(SKIN, torch.tensor([[0.1, math.inf]])), "thickness.*finite"),
         (lambda: stack_from_depths([torch.rand(2, 2, 4)], [SKIN], (1.0, 0.5)), "range.*invert"),
@@ -57,6 +67,34 @@ def test_maps_of_different_sizes_meet_at_texture_coordinates_only():
         weights_for(stack, ladder)
     uv = torch.tensor([[0.2, 0.3], [0.9, 0.1]])
     assert weights_for(stack, ladder, points_uv=uv, model="layered-diffusion").at().shape == (2, 4, 3)
+
+
+def test_each_map_of_a_stack_is_looked_up_as_if_it_were_alone():
+    fine, coarse = torch.rand(8, 6), torch.rand(2, 4)
+    uv = torch.rand(50, 2)
+    both = Stack([Layer(Medium(fine, 1.0), coarse), Layer(SKIN)]).at(uv)
+    for field, alone in (
+        (both.sigma_a, Stack([Layer(Medium(fine, 1.0), 1.0), Layer(SKIN)]).at(uv).sigma_a),
+        (both.thickness, Stack([Layer(Medium(0.1, 1.0), coarse), Layer(SKIN)]).at(uv).thickness),
+    ):
+        torch.testing.assert_close(field, alone, rtol=0, atol=0, check_dtype=False)
+
+
+@pytest.mark.parametrize(
+    "layers", [[Layer(Medium(0.0, 2.0))], [Layer(Medium(0.0, 1.0), 0.3), Medium(0.0, 2.0)]]
+)
+def test_what_absorbs_nothing_returns_everything(layers):
+    """By every way from a profile: weights, Gaussians, R(r), Burley's fit; without advice."""
+    white = Stack(layers)
+    totals = [
+        weights_for(white, variance_ladder(0.4, 100.0, 8), points=1).total,
+        fit_gaussians(white, terms=8).total,
+        fit_burley(white).albedo,
+    ]
+    for total in totals:
+        torch.testing.assert_close(total, torch.ones_like(total), rtol=0, atol=1e-3)
+    assert bool(torch.isfinite(RadialProfile(white).radius(0.99)).all())
+    assert advice(white, texel_mm=0.2, extent_mm=100.0) == []
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -169,7 +169,7 @@ def mix(first: Medium, second: Medium, mask: Coefficient) -> Medium:
 def as_map(name: str, value: Coefficient, dtype: torch.dtype, device: torch.device) -> Tensor:
     """`value` as (1,), (C,), (H, W, 1) or (H, W, C) in `dtype`. Raises ShapeError or DomainError."""
     try:
-        if isinstance(value, Tensor) and value.is_complex():
+        if isinstance(value, bool) or (isinstance(value, Tensor) and value.is_complex()):
             raise TypeError("a real number is meant")
         x = torch.as_tensor(value, dtype=dtype, device=device)
     except (TypeError, ValueError, RuntimeError) as e:
@@ -201,7 +201,7 @@ def number(name: str, value: Any) -> float:
     """`value` as a number, without its gradient; one too large is infinite. Raises DomainError."""
     if isinstance(value, Tensor) and value.numel() == 1 and not value.is_complex():
         return float(value.detach())
-    if isinstance(value, Real):
+    if isinstance(value, Real) and not isinstance(value, bool):
         try:
             return float(value)
         except OverflowError:

@@ -45,7 +45,7 @@ def hankel_profiles(
     Raises DomainError: for unknown names; the choices are listed; for frequencies that are none, negative or
     not finite; ShapeError: unless they are (S,).
     """
-    s = _frequencies(s)
+    s = real_frequencies("hankel_profiles", s)
     table = as_table(material, s.dtype).to(device=s.device)
     options = {"model": model, "scattering": scattering, "incidence": incidence, "phase": phase}
     reflected = flat_profile(table, s, side="reflectance", **options)
@@ -53,24 +53,25 @@ def hankel_profiles(
     return unflattened(reflected, table), unflattened(transmitted, table)
 
 
-def _frequencies(s: Float[Tensor, " S"] | Int[Tensor, " S"]) -> Float[Tensor, " S"]:
+def real_frequencies(name: str, s: Float[Tensor, " S"] | Int[Tensor, " S"]) -> Float[Tensor, " S"]:
+    """`s` [1/mm] as given to `name`, whole numbers as float64. Raises DomainError or ShapeError."""
     try:
         s = torch.as_tensor(s)
         if s.is_complex():
             raise TypeError("real numbers are meant")
     except (TypeError, ValueError, RuntimeError) as e:
         raise DomainError(
-            f"hankel_profiles: expected a tensor of real frequencies (S,) [1/mm], got {told(s)}; pass one."
+            f"{name}: expected a tensor of real frequencies (S,) [1/mm], got {told(s)}; pass one."
         ) from e
     if s.ndim != 1 or not len(s):
         raise ShapeError(
-            f"hankel_profiles: expected one frequency or more (S,), got shape {tuple(s.shape)}; reshape it."
+            f"{name}: expected one frequency or more (S,), got shape {tuple(s.shape)}; reshape it."
         )
     s = s if s.dtype.is_floating_point else s.to(torch.float64)
     least, most = (float(x) for x in s.detach().aminmax())
     if not (least >= 0 and most < float("inf")):
         raise DomainError(
-            f"hankel_profiles: expected finite frequencies s >= 0 [1/mm], got {least:g}..{most:g}; profiles "
+            f"{name}: expected finite frequencies s >= 0 [1/mm], got {least:g}..{most:g}; profiles "
             "are round, so pass magnitudes."
         )
     return s

@@ -236,7 +236,9 @@ export class LayersPanel {
             initial: () => PAINTED_MM[k],
             set: (state, value) => {
               const painted = at(state).thickness_map;
-              if (painted) painted.range = (k === 0 ? [value, painted.range?.[1] ?? 1] : [painted.range?.[0] ?? 0, value]) as [number, number];
+              const [low, high] = painted?.range ?? [0, 1];
+              // ends that fall would be refused: one takes the other along
+              if (painted) painted.range = k === 0 ? [value, Math.max(value, high)] : [Math.min(value, low), value];
             },
           }),
         );
