@@ -59,3 +59,25 @@ def test_thin_white_slabs_between_unlike_faces_lose_and_make_nothing(first, last
             R, T = hankel_profiles(stack_of(stack), S[:1], incidence=incidence)
             whole = float(R + T) + sum(ballistic(stack, incidence))
             assert -0.01 < whole - 1 < (1e-6 if incidence == "normal" else 0.005), (depth, whole)
+
+
+@pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])
+def test_what_passes_white_matter_falls_with_its_depth(model):
+    """As its inverse, to 3e4 mean free paths; measured 1.2e-3."""
+    shallow, deep = (
+        float(hankel_profiles(Stack([Layer(Medium(0.0, 1.0, 0.0, 1.4), d)]), S[:1], model=model)[1])
+        for d in (3e3, 3e4)
+    )
+    assert deep / shallow == pytest.approx(0.1, rel=2e-3)
+
+
+@pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])
+def test_what_is_clear_takes_no_light(model):
+    """100 mm of it above skin; measured 4e-4."""
+    skin = Medium(0.1, 1.0, 0.0, 1.4)
+    above = [Layer(Medium(0.0, 0.0, 0.0, 1.4), 100.0), Layer(skin)]
+    bare, covered = (
+        float(hankel_profiles(stack, S[:1], model=model, incidence="normal")[0])
+        for stack in (skin, Stack(above))
+    )
+    assert covered == pytest.approx(bare, rel=1e-3)
