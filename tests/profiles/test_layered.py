@@ -25,17 +25,17 @@ THREE = [Row(0.01, 1.0, 0.5, eta=1.5), Row(0.3, 1.5, 2.0, eta=1.2), Row(0.02, 4.
 FOUR = [Row(0.0, 2.0, 0.1), Row(0.4, 1.0, 0.2, eta=1.3), Row(0.05, 1.5, 1.0), Row(0.01, 3.0, 4.0, eta=1.45)]
 
 # the twin knows the extinction of the outermost layers only: thick ones, or all alike
-MATCHED = [Row(0.01, 1.0, 6.0, eta=1.4), Row(0.3, 1.5, 0.5, eta=1.4), Row(0.02, 4.0, 4.0, eta=1.4)]
+MATCHED = [Row(0.01, 1.0, 12.0, eta=1.4), Row(0.3, 1.5, 0.5, eta=1.4), Row(0.02, 4.0, 4.0, eta=1.4)]
 
 
 PLAIN = [replace(layer, eta=1.0) for layer in ALIKE]
 
-FILMED = [Row(0.01, 1.0, 6.0, eta=1.4), Row(0.002, 0.03, 0.3, eta=1.4), Row(0.02, 4.0, 4.0, eta=1.4)]
+FILMED = [Row(0.01, 1.0, 12.0, eta=1.4), Row(0.002, 0.03, 0.3, eta=1.4), Row(0.02, 4.0, 4.0, eta=1.4)]
 UNEQUAL = [
     [Row(0.1, 1.0, 0.2, eta=1.6), Row(0.4, 0.7, 0.5, eta=1.3)],
     [replace(layer, eta=eta) for layer, eta in zip(ALIKE, (1.5, 1.2, 1.33), strict=True)],
     [replace(layer, eta=eta) for layer, eta in zip(MATCHED, (1.4, 1.25, 1.6), strict=True)],
-    [Row(0.01, 1.0, 6.0), *(replace(layer, eta=1.43) for layer in FILMED[1:]), Row(0.3, 1.0, eta=1.2)],
+    [Row(0.01, 1.0, 12.0), *(replace(layer, eta=1.43) for layer in FILMED[1:]), Row(0.3, 1.0, eta=1.2)],
 ]
 
 

@@ -17,7 +17,7 @@ is self-adjoint: Σ_j w_j D_j [χ_j ψ_j' - ψ_j χ_j'] = Σ_j w_j (χ_j B_j ψ_
 e_j ψ_j at 0.
 
 Along a layer that hardly scatters light spreads no farther than it flies: s² there is times σ and the mean
-path since the last scattering (`spread_aside`).
+path since the last scattering (`spread_aside`), and less where it sees a face.
 
 At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. Where indices differ, ψ / eta² is continuous, and
 the medium has the cosines of the index through which light enters. A face of another index, with w', μ', b
@@ -47,14 +47,15 @@ MODES = {
 }
 
 
-OWN = 4  # a layer makes 1 - e^-(4 σ d) of a face its own
-SLANT = 6  # path over thickness of light that crosses a layer
+SLANT = 2  # path over thickness of light that crosses a layer
+ROUND = 0.03  # of the corner of that share at 1
+OWN = 4  # a layer makes 1 - e^-(4 σ d) of a face its own, and e^-(4 τ) of what lies at τ sees the face
 
 
 def spread_aside(layers: Sequence[Layer], k: int) -> float:
     """σ times the mean path since the last scattering of light that leaves layer k, both ways; 1 at most.
 
-    Traced backwards segment by segment; the outer faces mirror.
+    Traced backwards segment by segment; the outer faces mirror. Times itself for light that sees a face.
     """
     paths = []
     for step in (1, -1):  # into the layer, downwards: what leaves by its top; upwards: by its bottom
@@ -68,7 +69,11 @@ def spread_aside(layers: Sequence[Layer], k: int) -> float:
             else:
                 step = -step
         paths.append(path)
-    return min(layers[k].sigma_t_prime * float(np.mean(paths)), 1.0)
+    share = layers[k].sigma_t_prime * float(np.mean(paths))
+    share = share * (1 - share + ROUND) / (1 - share + ROUND * share) if share < 1 else 1.0
+    depths = [OWN * layer.sigma_t_prime * layer.thickness for layer in layers]
+    hidden = (1 - np.exp(-sum(depths[:k]))) * (1 - np.exp(-sum(depths[k + 1 :])))
+    return share * (share + hidden * (1 - share))
 
 
 def weights(mu: Array) -> Array:

@@ -24,6 +24,7 @@ struct Asked {
   std::vector<Direction> finer;
   std::vector<Exit> exits[2], straight;  // as seen from above, and from below
   const Parameters* sets[2];
+  const Fadings* fadings;  // of the top and of the bottom
   const Streams* streams;
 
   Asked(const Header& header, const double* numbers) : h(header) {
@@ -57,6 +58,7 @@ struct Asked {
       }
       sets[side] = (const Parameters*)next(31 * h.sets);
     }
+    if (h.sp3) fadings = (const Fadings*)next(12);
     if (h.deflected) streams = (const Streams*)next(14);
   }
 };
@@ -75,6 +77,7 @@ struct Solver {
   const bool mirroring;
   Even even, pale_even;
   V factor, passed;  // of multiple scattering, and of all on its way through
+  Ways ways;  // of light that enters from all around
 
   explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets), mirroring(Even::holds(endless, a.etas)) {}
 
@@ -89,6 +92,7 @@ struct Solver {
       return;
     }
     if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
+    if (BEAMS > 1) ways.find(layers, false, !endless);
     passed = all(1);
     if (h.deflected && (!h.below || !h.twice)) prepare_truly();
     if (h.marched) {
@@ -97,7 +101,7 @@ struct Solver {
       marched.prepare(seen, level, endless, asked.straight, h.deflected, false);
     }
     if (!h.twice) return;
-    for (int i = 0; i < h.sets; i++) sweeps[i].prepare(seen, falling, endless, asked.sets[h.below][i]);
+    for (int i = 0; i < h.sets; i++) prepare(sweeps[i], seen, falling, h.below, i);
     if (mirroring) even.prepare(layers, asked.finer, asked.exits[0]);
     factor = furnace();
     if (!h.deflected) return;
@@ -107,6 +111,10 @@ struct Solver {
       passed = positive(1 + handed / (more + once + FEW));
     else
       factor *= positive(1 + (handed + once - truly.at(0)) / (more + 1e-20f));
+  }
+
+  void prepare(Sweep& sweep, const Layers& seen, const Lights& falling, int side, int set) const {
+    sweep.prepare(seen, falling, endless, asked.sets[side][set], asked.fadings[side], asked.fadings[1 - side]);
   }
 
   void prepare_truly() {
@@ -146,7 +154,7 @@ struct Solver {
         }
       }
       lacking -= white.all_of(pale, shining, endless, asked.exits[side]);
-      for (int i = 0; i < h.sets; i++) others[i].prepare(pale, shining, endless, asked.sets[side][i]);
+      for (int i = 0; i < h.sets; i++) prepare(others[i], pale, shining, side, i);
       if (mirroring && !side) pale_even.prepare(pale, asked.finer, asked.exits[0]);
       have += scattered_more(others, pale_even, 0);
     }
@@ -170,7 +178,9 @@ struct Solver {
     if (h.twice) total += factor * scattered_more(sweeps, even, s);
     total *= passed;
     if (h.marched) total -= marched.at(s);
-    return total;
+    if (BEAMS == 1 || h.layers == 1) return total;
+    const Fading& entering = asked.fadings[0].leaving;
+    return total * (h.below ? ways.one_way(entering, s) : ways.there_and_back(entering, s));
   }
 };
 

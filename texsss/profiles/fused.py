@@ -7,6 +7,7 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.numerics.native import check_memory, library
+from texsss.profiles import straight
 from texsss.profiles.four_streams import moments
 from texsss.profiles.incidence import Incidence, finer, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
@@ -60,6 +61,8 @@ class Fused:
                 numbers += exit_
             for weight, *modes in sets:
                 numbers += [weight, *(x for m in modes for pair in m for x in pair)]
+        for eta in (etas[0], etas[-1]) if two else ():
+            numbers += [*straight.leaving(eta), *straight.returning(eta)]
         deflected = two and unreduced(table)
         if deflected:
             numbers += moments(etas, below)

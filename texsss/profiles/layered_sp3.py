@@ -17,9 +17,11 @@ from texsss.media.stack import LayerTable
 from texsss.profiles import even, single
 from texsss.profiles.blocks import Loops, Solver, solved
 from texsss.profiles.even import Even, scattered_evenly
+from texsss.profiles.films import Way, one_way, there_and_back, ways
 from texsss.profiles.four_streams import lacking
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
+from texsss.profiles.straight import Fading, leaving
 from texsss.profiles.two_mode_sweep import Sweep, scattered_twice
 from texsss.profiles.two_mode_sweep import prepare as swept
 from texsss.profiles.two_modes import TwoModes, two_modes
@@ -40,6 +42,17 @@ class Multiple(NamedTuple):
         return Multiple(self.sweeps, tuple(share * factor for share in self.share), slab)
 
 
+class Entrance(NamedTuple):
+    """How light from all around gets to where it first scatters: as it leaves."""
+
+    ways: tuple[Way, ...]
+    fading: Fading
+    back: bool  # whether it is seen from there
+
+    def times(self, s: Tensor) -> Tensor:
+        return (there_and_back if self.back else one_way)(self.ways, self.fading, s)
+
+
 class Prepared(NamedTuple):
     """A stack seen from one side, whatever the frequency."""
 
@@ -47,6 +60,7 @@ class Prepared(NamedTuple):
     more: Multiple | None  # None if only single scattering was
     passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
     marched: tuple[Node, ...]  # what is left to the march; none unless asked for
+    entrance: Entrance | None  # None where no film is crossed
 
 
 def profile(
@@ -89,8 +103,11 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     once = reduced = single.prepare(*from_side(side, layers, lights), None)
     if unreduced is not None:
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
+    entrance = None
+    if len(directions) > 1 and len(layers) > 1:  # from one side it would come from another place, not spread
+        entrance = Entrance(ways(layers), leaving(layers[0].eta), side == "reflectance")
     if scattering == "single":
-        return Prepared(once, None, None, ())
+        return Prepared(once, None, None, (), entrance)
     more = _multiple(layers, lights, directions, side)
     factor = _furnace(layers, lights, directions)
     passed = None
@@ -109,7 +126,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if scattering == "unmarched" and side == "reflectance":
         marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
     once = () if scattering == "multiple" else once
-    return Prepared(once, more.times(factor), passed, marched)
+    return Prepared(once, more.times(factor), passed, marched, entrance)
 
 
 @no_type_check
@@ -121,7 +138,9 @@ def spectrum(prepared, s):
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
-    return total - scattered_once(prepared.marched, s) if prepared.marched else total
+    if prepared.marched:
+        total = total - scattered_once(prepared.marched, s)
+    return total if prepared.entrance is None else total * prepared.entrance.times(s)
 
 
 @no_type_check

@@ -4,7 +4,7 @@
 
 #include "lights.h"
 
-constexpr float DAMPING = 0.35f, TURN = 0.72f, SPREAD_FROM = 3;
+constexpr float DAMPING = 0.45f, TURN = 0.835164654f, SPREAD_FROM = 3;
 constexpr float STEEP = 300;  // extinction times the depth above, beyond which differences lose their digits
 constexpr int AZIMUTHS = 12;
 constexpr double PI = 3.14159265358979323846;

@@ -20,8 +20,10 @@ from texsss.profiles.slab import FAR, added, flipped, mirrors, refracted
 from texsss.types import Tensor
 
 NODES = 4
-# 1 - ∫_0^x J0 and J0 itself as damped oscillations: within .05 for x ≤ 3, which is where both matter
-_DAMPING, _TURN = 0.35, 0.72
+# 1 - ∫_0^x J0 and J0 itself as damped oscillations, whose integral is 1 like that of J0: R̂1 beneath clear
+# films is within .02 of R̂(0) for a beam
+_DAMPING = 0.45
+_TURN = math.sqrt(2 * _DAMPING - _DAMPING**2)
 LEAST = 1e-12  # frequency [1/mm]
 LEAST_DRIFT = 1e-6
 _SPREAD_FROM = 3.0  # sideways shift [1/s] from which light through a slab is attenuated as in a half-space

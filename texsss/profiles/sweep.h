@@ -2,9 +2,7 @@
 
 #pragma once
 
-#include "lights.h"
-
-constexpr float SLANT = 6, OWN = 4;  // films.py
+#include "films.h"
 
 struct Modes {
   double mu[2], b[2], gamma[2], delta[2], w[2];
@@ -16,69 +14,40 @@ struct Parameters {
 
 struct Face {
   float base[2], gamma[2], delta[2];
-  V loss[2], out[2];
-  struct Felt {
-    V sigma, tau, depth;
-  };
-  std::vector<Felt> felt;
-  bool slab;
+  V loss[2], out[2], free, per_sigma;
+  bool straight;
+  Fadings fadings;
+  Scattered origin;
+  Ways ways;
 
-  void prepare(const Layers& layers, bool turned, bool slab_, const Modes& modes) {
+  void prepare(const Layers& layers, bool turned, bool slab, const Modes& modes, const Fadings& given) {
     const int L = int(layers.size());
-    slab = slab_;
     const Layer& first = layers[turned ? L - 1 : 0];
     V thick = !slab && L == 1 ? first.sigma : first.sigma * (first.d + 1e-15f);
-    thick *= let_out(layers, turned);
+    origin.find(layers, turned, slab);
     for (int m = 0; m < 2; m++) {
       base[m] = float(1 / (modes.mu[m] * modes.mu[m])), gamma[m] = float(modes.gamma[m]), delta[m] = float(modes.delta[m]);
-      loss[m] = thick * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
+      loss[m] = thick * origin.let_out * float(modes.b[m]), out[m] = loss[m] * float(modes.w[m]);
     }
-    felt.resize(L);
-    for (int k = 0; k < L; k++) {
-      const Layer& layer = layers[turned ? L - 1 - k : k];
-      felt[k] = {layer.sigma, 3 * layer.sigma * layer.d, 8 * layer.d};
-    }
+    free = thick * origin.squared, per_sigma = inverse(origin.sigma);
+    straight = L > 1, fadings = given;
+    if (straight) ways.find(layers, turned, slab);
   }
 
-  // What it lets out of the light beneath, over what it would if its own layer were thick
-  V let_out(const Layers& layers, bool turned) const {
-    const int L = int(layers.size());
-    const double own = layers[turned ? L - 1 : 0].index.outlet;
-    bool alike = true;
-    for (const Layer& layer : layers) alike = alike && layer.index.outlet == own;
-    if (alike) return all(1);
-    V left = all(1), found = all(TINY), whole = all(TINY);
-    for (int k = 0; k < L; k++) {
-      const Layer& layer = layers[turned ? L - 1 - k : k];
-      V share = left;
-      if (k + 1 < L || slab) {
-        Decayed fade = decayed(lesser(OWN * layer.sigma * layer.d, all(FAR)));
-        share = left * fade.gone, left *= fade.left;
-      }
-      found += share * float(layer.index.outlet / own), whole += share;
+  // What it loses and lets out of either mode
+  void at(float s, V lost[2], V leaves[2]) const {
+    V u = s * per_sigma, x = u * u;
+    for (int m = 0; m < 2; m++) {
+      lost[m] = root(base[m] + gamma[m] * x) * loss[m];
+      leaves[m] = root(base[m] + delta[m] * x) * out[m];
     }
-    return found * inverse(whole);
-  }
-
-  // (s / σ)², σ the extinction near the face: a mean that weighs what is near
-  V feels(float s) const {
-    const int L = int(felt.size());
-    V left = all(1), mean = {}, whole = {};  // shares only: differences of extinctions would cancel
-    for (int k = 0; k < L; k++) {
-      V share = left;
-      if (k + 1 < L || slab) {
-        Decayed fade = decayed(lesser(felt[k].tau + s * felt[k].depth, all(20)));
-        share = left * fade.gone, left *= fade.left;
-      }
-      mean += felt[k].sigma * share, whole += share;
+    if (!straight) return;
+    V passed = ways.one_way(fadings.leaving, s), gone = (1 - ways.one_way(fadings.returning, 2 * s)) / 2;
+    for (int m = 0; m < 2; m++) {
+      V none = root(base[m] + x) * free, step = (none - lost[m]) * gone, share = none * inverse(none - step);
+      lost[m] = (lost[m] + step) * share, leaves[m] *= passed * share;
     }
-    // of a thin slab what is there
-    if (slab) mean = (mean + felt[L - 1].sigma * TINY) * inverse(whole + TINY);
-    V u = s * inverse(L == 1 ? felt[0].sigma : mean);
-    return u * u;
   }
-  V lost(int m, V x) const { return root(base[m] + gamma[m] * x) * loss[m]; }
-  V leaves(int m, V x) const { return root(base[m] + delta[m] * x) * out[m]; }
 };
 
 struct Sweep {
@@ -87,7 +56,7 @@ struct Sweep {
   };
   struct Level {
     bool endless;
-    V d2, aside, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
+    V d2, aside, hidden, tau[BEAMS], beam[BEAMS], k1, k2, into[4], back[4], ratio;
     Carried coupled[2], alone[2];
   };
   std::vector<Level> levels;
@@ -95,7 +64,9 @@ struct Sweep {
   bool slab;
   float weight;
 
-  void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set) {
+  // `fadings`: of the near and of the far face
+  void prepare(const Layers& layers, const Lights& lights, bool endless, const Parameters& set, const Fadings& nearby,
+               const Fadings& beyond) {
     const int L = int(layers.size());
     levels.resize(L), slab = !endless, weight = float(set.weight);
     spread_aside(layers, endless);
@@ -135,8 +106,8 @@ struct Sweep {
       here.into[0] = a * scale, here.into[1] = b * scale, here.into[2] = c * scale, here.into[3] = a * scale;
       here.back[0] = a * own, here.back[1] = -b * own, here.back[2] = -c * own, here.back[3] = a * own;
     }
-    near.prepare(layers, false, slab, set.near);
-    if (slab) far.prepare(layers, true, slab, set.far);
+    near.prepare(layers, false, slab, set.near, nearby);
+    if (slab) far.prepare(layers, true, slab, set.far, beyond);
   }
 
   // Share of D by which light spreads along every layer: films.py
@@ -159,7 +130,21 @@ struct Sweep {
     down = up;
     for (int k = 0; k < finite; k++) {
       down = passed(layers[k], crossed(k), down);
-      levels[k].aside = lesser((levels[k].aside + down) * layers[k].sigma * 0.5f, all(1));
+      levels[k].aside = at_most_one((levels[k].aside + down) * layers[k].sigma * 0.5f);
+    }
+    // what sees an outer face crosses straight, but for the share again that scatters on the way
+    V above = {}, below = {};
+    for (int k = 0; k < finite; k++) {
+      levels[k].hidden = decayed(above).gone;
+      above = lesser(above + OWN * layers[k].sigma * layers[k].d, all(FAR));
+    }
+    for (int k = finite - 1; k >= 0; k--) {
+      V share = levels[k].aside;
+      if (!endless) {
+        levels[k].hidden *= decayed(below).gone;
+        below = lesser(below + OWN * layers[k].sigma * layers[k].d, all(FAR));
+      }
+      levels[k].aside = share * (share + levels[k].hidden * (1 - share));
     }
   }
   static V passed(const Layer& layer, const Decayed& crossed, V path) {
@@ -179,12 +164,9 @@ struct Sweep {
 
   V at(float s) const {
     const float s2 = s * s;
-    V x = near.feels(s), lowest[2] = {};
-    V b[2] = {near.lost(0, x), near.lost(1, x)}, out[2] = {near.leaves(0, x), near.leaves(1, x)};
-    if (slab) {
-      V y = far.feels(s);
-      lowest[0] = far.lost(0, y), lowest[1] = far.lost(1, y);
-    }
+    V b[2], out[2], lowest[2] = {}, unseen[2];
+    near.at(s, b, out);
+    if (slab) far.at(s, lowest, unseen);
     V both = coupled(s2, b, out, lowest);
     for (int m = 0; m < 2; m++) both -= uncoupled(s2, m, b[m], out[m], lowest[m]);
     return weight * both;
