@@ -33,3 +33,11 @@ def test_one_channel_of_a_map_is_named_behind_its_file():
     rough, gloss = scene.maps["roughness"], scene.maps["specular"]
     assert (rough.source.path, rough.channel, rough.space) == ("orm.png", "g", "linear")
     assert (gloss.source.path, gloss.channel) == ("gloss.png", "rgb")
+
+
+def test_light_through_thin_parts_can_be_asked_for_and_refused(tmp_path):
+    scene = described(Path("head.obj"), transmission=True)
+    assert scene.methods.transmission
+    (tmp_path / "scene.json").write_text(scene.model_dump_json())
+    assert described(tmp_path / "scene.json").methods.transmission
+    assert not described(tmp_path / "scene.json", transmission=False).methods.transmission

@@ -46,6 +46,10 @@ def described(
         Path | None, typer.Option(help="Panorama that lights the scene (best EXR or HDR).")
     ] = None,
     diffusion: Annotated[str | None, typer.Option(help="none, uv, …: how light spreads.")] = None,
+    transmission: Annotated[
+        bool | None,
+        typer.Option("--transmission/--no-transmission", help="Light through thin parts, from the far side."),
+    ] = None,
     interreflection: Annotated[
         int | None, typer.Option(help="How often light that left one part of the object lights others.")
     ] = None,
@@ -98,6 +102,7 @@ def described(
     put(size, "atlas", "raster")
     put(uv, "atlas", "uv")
     put(diffusion, "methods", "diffusion")
+    put(transmission, "methods", "transmission")
     put(interreflection, "methods", "interreflection")
     put(exposure, "output", "exposure_ev")
     put(tonemap, "output", "tonemap")
