@@ -45,6 +45,8 @@ def test_signs_and_shares_have_their_own_ends(name, values, ends):
 
 
 def test_every_length_and_light_has_its_unit():
+    kinds = set(re.findall(r"[a-z]+(?:-[a-z]+)*", INTERMEDIATES))
+    assert kinds == set(UNITS) | {"coverage", "albedo", "metric", "normal", "weight"}
     for name in UNITS:
         asked = f"{name}-2" if name in ("gaussian", "thickness") else name
         assert re.fullmatch(INTERMEDIATES, asked) and reading(asked, torch.ones(1, 1, 1)).unit == UNITS[name]

@@ -22,7 +22,7 @@ UNITS = {
 ENDS = {"coverage": (0.0, 1.0), "albedo": (0.0, 1.0), "metric": (0.0, 1.0), "normal": (-1.0, 1.0)}
 """Values that black and white always stand for."""
 
-BRIGHT = 0.995  # share of the values other than 0 that white is not below: a few specks must not darken all
+BRIGHT = 0.995  # share of the values above 0 that white is not below: a few specks must not darken all
 MOST_SORTED = 1 << 20
 
 
@@ -68,7 +68,7 @@ def reading(name: str, values: Float[Tensor, "H W C"]) -> Reading:
     """How to show what lies between the stages under this name.
 
     Shares and normals have the same black and white always. Black is 0 for others, or the least value where
-    they are positions; white is what all but a two-hundredth of those that are not 0 lie below.
+    they are positions; white is what all but a two-hundredth of those above 0 lie below.
     Raises nothing.
     """
     values = values.detach()
@@ -80,6 +80,6 @@ def reading(name: str, values: Float[Tensor, "H W C"]) -> Reading:
     if kind == "position":
         return Reading(least, greatest if greatest > least else least + 1, least, greatest, unit)
     some = values[values > 0]
-    some = some[:: -(-len(some) // MOST_SORTED) or 1]
+    some = some[:: -(-len(some) // MOST_SORTED) or 1]  # thinned evenly: to sort more takes long
     white = float(some.quantile(BRIGHT)) if len(some) else 1.0
     return Reading(0.0, white, least, greatest, unit)

@@ -69,5 +69,7 @@ def test_layers_that_a_model_leaves_out_are_named():
 
     assert "outermost of 2 layers" in said("better-dipole", 3.0)[0]
     assert "down to 0.39 of one" in said("multipole", 0.5)[0]  # of the red mean free path, 1.3 mm
+    slab = Stack([Layer(preset("skin1"), 2.0)])
+    assert "knows the layer, as if" in advice(slab, texel_mm=0.4, extent_mm=400.0, model="dipole")[0]
     assert said("multipole", 3.0) == said("layered-sp3", 0.5) == []
     assert advice(preset("skin1"), texel_mm=0.4, extent_mm=400.0, model="dipole") == []

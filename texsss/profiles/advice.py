@@ -11,6 +11,7 @@ from texsss.types import Tensor
 FINE = 0.25  # diffusion lengths [texels] below which diffusion cannot be seen
 FAR = 70.0  # mean free paths within which .99 of the light leaves that is not absorbed
 CLEAR = 1e12  # [mm]
+HARDLY = 1e-3  # mean free paths below which a layer is told without a number
 
 
 def advice(
@@ -69,19 +70,21 @@ def advice(
 def _unknown_to(model: str, table: LayerTable) -> list[str]:
     """What of the layers a published model leaves out."""
     if model in ("dipole", "better-dipole") and (len(table.eta) > 1 or not table.bottomless):
+        known = f"the outermost of {len(table.eta)} layers alone" if len(table.eta) > 1 else "the layer"
         return [
-            f"{model} knows the outermost of {len(table.eta)} layers alone, as if it had no end: choose "
-            "layered-sp3, layered-diffusion or multipole to have all."
+            f"{model} knows {known}, as if it had no end: choose layered-sp3, layered-diffusion or "
+            "multipole to have all."
         ]
     thickness = table.thickness.detach()
     paths = 1 / (table.sigma_a + table.sigma_s * (1 - table.g)).detach().clamp_min(1 / CLEAR)
     thin = (thickness < paths * (1 - 1e-6)) & (thickness > 0)
     if model != "multipole" or not bool(thin.any()):
         return []
-    ratio = torch.where(thin, thickness / paths, math.inf).amin()
+    ratio = float(torch.where(thin, thickness / paths, math.inf).amin())
+    here = f"here down to {ratio:.2g} of one" if ratio > HARDLY else "some here hardly scatter or absorb"
     return [
-        f"multipole is not made for layers thinner than a mean free path, here down to {float(ratio):.2g} of "
-        "one: choose layered-sp3, which knows all."
+        f"multipole is not made for layers thinner than a mean free path, {here}: choose "
+        "layered-sp3, which knows all."
     ]
 
 

@@ -3,7 +3,8 @@
 Multiple scattering is carried by two modes of different mean cosine, coupled by scattering, as in the
 SP3 equations; what the modes carry without scattering is the light that scattered once, crudely, and
 is replaced by the exact integral. Cosines, boundary coefficients: fitted to half-spaces of index 1 to
-1.6, Gauss nodes at 1. Thin slabs between faces that mirror are lit evenly instead (`even`). One factor per
+1.6, Gauss nodes at 1. Thin slabs between faces that mirror are lit evenly instead (`even`), films rarer than
+what lies beneath are crossed straight (`films`, `straight`). One factor per
 row makes a stack that absorbs nothing lose nothing.
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """

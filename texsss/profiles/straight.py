@@ -6,13 +6,13 @@ out, and over what it mirrors back, total reflection included, are functions of 
 
     e^(-q (rise + bend q) / (1 + level q)),   q = (s d)²,
 
-which falls everywhere. At eta 1 the mean is x K1(x), x = s d, which it meets to .013; elsewhere to .02
-of what leaves. What is mirrored goes below 0 by up to .17, of rings around the entry, and stays above here.
+which falls everywhere. At eta 1 the mean is x K1(x), x = s d, which it meets to .017; elsewhere it meets
+what leaves to .04, and what is mirrored to .07, where these are positive. Both go below 0, by up to .06 and
+.17, of rings around the entry; the fit stays above. Source: our own.
 """
 
 import math
 from functools import cache
-from itertools import combinations
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -23,6 +23,7 @@ from texsss.numerics.quadrature import gauss_legendre
 
 LEAST = 0.05  # means below are left to the fit
 FAR = 100.0  # s d beyond is as this
+LEVELS = [0.0, *np.geomspace(0.01, 30, 160)]  # tried, per squared mean tangent
 
 
 class Fading(NamedTuple):
@@ -35,7 +36,7 @@ class Fading(NamedTuple):
 
 @no_type_check
 def faded(fading, aside):
-    """The mean of J0 at s d = `aside` ≥ 0. Differentiable."""
+    """The mean of J0 at s d = `aside` ≥ 0, of any shape. Differentiable."""
     q = aside.clamp_max(FAR) ** 2
     return torch.exp(q * (q * -fading.bend - fading.rise) / (q * fading.level + 1))
 
@@ -63,29 +64,28 @@ def _angles(eta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _fitted(mu: np.ndarray, weight: np.ndarray) -> Fading:
-    """The best fit whose numbers are all at least 0."""
-    x = np.geomspace(0.05, 10, 60)
-    slope = np.sqrt(1 / mu**2 - 1)
-    mean = torch.special.bessel_j0(torch.from_numpy(np.outer(x, slope))).numpy() @ weight / weight.sum()
+    """The best fit with no number below 0: at a given level the exponent is linear in the others."""
+    slope, share = np.sqrt(1 / mu**2 - 1), weight / weight.sum()
+    reach = share @ slope  # mean tangent: by it all indices are alike
+    x = np.geomspace(0.05, 20, 80)
+    mean = torch.special.bessel_j0(torch.from_numpy(np.outer(x, slope / reach))).numpy() @ share
     last = int(np.argmax(mean < LEAST))
     q, mean = x[:last] ** 2, mean[:last]
-    depth = -np.log(mean)
-    columns = np.stack([q, q * q, -depth * q], 1)  # the exponent times its denominator is linear
-    best = np.zeros(3)
-    for _ in range(8):  # by the denominator found before, errors of the mean itself count
-        by = mean / (1 + best[2] * q)
-        best = _not_negative(columns * by[:, None], depth * by)
-    return Fading(*map(float, best))
+    tried = [_at_level(q, mean, level) for level in LEVELS]
+    best = min(tried, key=lambda found: float(((_fading(q, found) - mean) ** 2).sum()))
+    return Fading(*map(float, (best.rise * reach**2, best.bend * reach**4, best.level * reach**2)))
 
 
-def _not_negative(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Least squares with no number below 0; few enough to try all sets of them."""
-    count, least, best = columns.shape[1], math.inf, np.zeros(columns.shape[1])
-    for size in range(1, count + 1):
-        for kept in map(list, combinations(range(count), size)):
-            found = np.linalg.lstsq(columns[:, kept], wanted, rcond=None)[0]
-            missed = float(((columns[:, kept] @ found - wanted) ** 2).sum())
-            if (found >= 0).all() and missed < least:
-                least, best = missed, np.zeros(count)
-                best[kept] = found
-    return best
+def _fading(q: np.ndarray, found: Fading) -> np.ndarray:
+    return np.exp(-q * (found.rise + found.bend * q) / (1 + found.level * q))
+
+
+def _at_level(q: np.ndarray, mean: np.ndarray, level: float) -> Fading:
+    """Rise and bend, none below 0, by least squares; errors of the mean itself count."""
+    slope = mean * q / (1 + level * q)
+    columns, wanted = np.stack([slope, slope * q], 1), -mean * np.log(mean)
+    both = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    if not (both >= 0).all():
+        alone = columns.T @ wanted / (columns**2).sum(0) * np.eye(2)
+        both = min(alone, key=lambda found: float(((columns @ found - wanted) ** 2).sum()))
+    return Fading(float(both[0]), float(both[1]), float(level))

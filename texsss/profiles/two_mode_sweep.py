@@ -272,7 +272,7 @@ def _at_face(face, s):
     for m in (0, 1):
         free = torch.sqrt(face.base[m] + x) * face.free
         step = (free - b[m]) * lost
-        share = free / (free - step)  # φ at the face, over what it would be if ρ did not fade
+        share = free / (free - step)  # φ at the face if ρ did not fade, over what it is
         b[m], out[m] = (b[m] + step) * share, out[m] * left * share
     return b, out
 
