@@ -33,7 +33,7 @@ STAGE_VERSIONS = {
     "echo": 1,
     "exitance": 1,
     "beneath": 2,
-    "planes": 2,
+    "planes": 3,
     "camera": 1,
     "sights": 4,
     "picture": 12,

@@ -128,3 +128,17 @@ def test_radius():
         plane_radius(1.0, 1.5)
     with pytest.raises(DomainError, match="radius above 0"):
         fit_planes(sphere(), 0.0)
+
+
+def test_rows_that_are_far_apart_give_no_plane_across():
+    """Within reach of each vertex of this cone lies its own row alone: an arc, whose plane is level."""
+    around = torch.arange(48) * (2 * math.pi / 48)
+    ring = torch.stack([around.cos(), around.sin(), torch.zeros(48)], 1)
+    vertices = torch.cat([(20 + 10 * k) * ring + torch.tensor([0.0, 0.0, 10.0 * k]) for k in range(3)])
+    i = torch.arange(48)
+    low, high = (torch.stack([i, (i + 1) % 48], 1) + shift for shift in (0, 48))
+    band = torch.cat([torch.cat([low, high[:, :1]], 1), torch.stack([low[:, 1], high[:, 1], high[:, 0]], 1)])
+    mesh = Mesh(vertices, torch.cat([band, band + 48]))
+    planes = fit_planes(mesh, 6.0)
+    outward = unit(torch.cat([ring] * 3) - torch.tensor([0.0, 0.0, 1.0]))
+    assert float((planes.normal * outward).sum(1).min()) > 0.99

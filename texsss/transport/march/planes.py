@@ -16,7 +16,7 @@ EPSILON = 0.01  # light attenuated to this share comes from too far away to matt
 MOST_PAIRS = 1_000_000  # beyond that, neighbours are taken in clusters
 MOST_PAIRS_COMPILED = 30_000_000  # which the loop in C++ takes no longer for
 FINENESS = 4  # radii that are told apart, per doubling
-COLLINEAR = 1e-6  # second variance as a share of the first, below which points span no plane
+COLLINEAR = 0.02  # second variance as a share of the first, below which points follow a line and its bend
 LEAST_SLANT = 0.1  # cosine between the normals below which an offset along the normal means nothing
 
 
