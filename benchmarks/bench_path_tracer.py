@@ -43,7 +43,7 @@ BOX = 5  # pixels
 FINER = 3  # rays of ours along each edge of a pixel
 METHODS = {
     "no diffusion (Lambert)": {"diffusion": "none"},
-    "diffusion of all light": {"diffusion": "surface"},
+    "diffusion of all light": {"diffusion": "surface", "single_scattering": "none"},
     "diffusion + march": {"diffusion": "surface", "single_scattering": "exact"},
     "… + transmission": {"diffusion": "surface", "single_scattering": "exact", "transmission": True},
     "… + interreflection": {
