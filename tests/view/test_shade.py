@@ -17,7 +17,7 @@ from texsss.surface.mesh import Mesh
 from texsss.surface.points import Points
 from texsss.types import unit
 from texsss.view import ggx
-from texsss.view.camera import Hits, fit_camera, pixel_centres, primary_hits
+from texsss.view.camera import Camera, Hits, fit_camera, pixel_centres, primary_hits
 from texsss.view.picture import at_centres, picture
 from texsss.view.shade import Gloss, facing, shade, sight
 
@@ -146,6 +146,23 @@ def test_picture_of_a_sphere():
     assert ((part > 0) & (part < 1)).sum() > 100
     # ones over a background of brightness ½, each weighed by 1 / (1 + brightness)
     torch.testing.assert_close(image[..., 0], part / 2 / (part / 2 + (1 - part) / 1.5))
+
+
+@pytest.mark.parametrize("blue", [0.0, -1e-6])
+def test_dark_outlines_are_as_smooth_as_bright_ones(blue):
+    """Where a channel falls a little below black, too, and before a background seen in corners alone."""
+    mesh = sphere(50.0, 4)
+    occluder, camera = Occluder(mesh), Camera((0, 0, 150), (0, 0, 0), fov_y=0.58, resolution=(64, 64))
+
+    def coverage(colour: list[float]) -> torch.Tensor:
+        radiance = torch.tensor(colour)
+        return picture(
+            camera, occluder, lambda h: radiance.expand(len(h.pixel), 3), background=(0.2, 0.2, 0.2)
+        )[..., 3]
+
+    bright, dark = coverage([1.0, 1.0, 1.0]), coverage([1e-6, 1e-6, blue])
+    assert int(((bright > 0) & (bright < 1)).sum()) > 30 and float(bright.mean()) > 0.9
+    assert torch.equal(bright, dark)
 
 
 def test_one_bright_hit_does_not_whiten_its_pixel():

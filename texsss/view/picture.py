@@ -99,8 +99,9 @@ class _Film:
     cover: Float[Tensor, " N"]
 
     def compressed(self, colour: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
-        """Brightness as an eye compares it, 0..1."""
-        return torch.sqrt(colour / (colour + self.key)).clamp(0, 1)
+        """Brightness as an eye compares it, 0..1; sums of signed Gaussians may fall a little below black."""
+        light = colour.clamp_min(0)
+        return torch.sqrt(light / (light + self.key))
 
     def edges(self, size: tuple[int, int]) -> Bool[Tensor, " N"]:
         """Pixels that differ visibly from a neighbour."""
@@ -172,8 +173,8 @@ def _refine(
             weighted[slot] += radiance * weight[:, None]
             weights[slot] += weight
             hit[slot] += covered
-            # outlines count however dark: coverage tells them
-            brightness = film.compressed(radiance).mean(-1) + covered
+            # outlines count however dark, before a background however bright: coverage tells them
+            brightness = film.compressed(radiance).mean(-1) + 2 * covered
             low[slot] = torch.minimum(low[slot], brightness)
             high[slot] = torch.maximum(high[slot], brightness)
         if progress is not None:
