@@ -10,6 +10,7 @@ from torch.quasirandom import SobolEngine
 from texsss.errors import DomainError
 from texsss.light.emitters import Environment, Light
 from texsss.light.sites import dot, smooth_origin
+from texsss.light.terminator import cut_by_faces
 from texsss.light.visibility import Occluder
 from texsss.media import fresnel
 from texsss.numerics.sampling import Texture
@@ -149,7 +150,7 @@ class _Site:
         self.view = hits.view
         self.face_normal = hits.points.face_normal(mesh)
         self.origin = smooth_origin(hits.points, mesh)
-        self.occluder = occluder
+        self.mesh, self.occluder = mesh, occluder
 
     def free(
         self,
@@ -161,7 +162,13 @@ class _Site:
         if self.occluder is None:
             return torch.ones_like(rows, dtype=torch.bool)
         origin, normal = self.origin[rows], self.face_normal[rows]
-        return ~self.occluder.occluded(origin, direction, distance, normals=normal)
+        hidden = self.occluder.occluded(origin, direction, distance, normals=normal)
+        # teeth along the terminator, which highlights show most: they are brightest where light grazes
+        held = hidden.nonzero()[:, 0]
+        start = origin[held] + self.occluder.offset_mm * normal[held]
+        reach = None if distance is None else distance[held]
+        hidden[held] = ~cut_by_faces(start, direction[held], reach, self.mesh, self.occluder)
+        return ~hidden
 
 
 def _highlight(
