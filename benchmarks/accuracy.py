@@ -233,22 +233,31 @@ layers unlike. With two modes alone multiple scattering would be wrong by up to 
 in slabs of .05 to .3 mm, and the total up to 25 % too high in such as absorb much (adding-doubling, eta 1.6,
 .05 mean free paths; with even light 1.1 %).
 
+What two modes make of light that scattered once, beside what that truly is, which is known, tells of the
+light that scattered again, too: its last way out is much the same. With ρ = truth over modes, and 1 at s = 0,
+R̂(s) of it is multiplied by (1 + 3 ρ) / (3 + ρ), about √ρ, T̂(s) by (1 + 1.5 ρ) / (1.5 + ρ) (`led_out` in
+`texsss/profiles/led_out.py`); totals stay as they are. Where matter scatters forwards it is less, for
+that ρ does not know.
+Of 315 random stacks of one index, with up to four layers, 11 are wrong by more than 3 % of the total in
+`multiple`, the worst by 4.8 %, and on average by 1.5 % (34, 7.6 and 1.7 % without), T̂ by 1.8 %, the worst by
+7.3 % (2.1 and 8.0 %); of 80 with indices of 1 to 1.5 that differ within, R̂ by 4.1 %, the worst by 13 % (4.1
+and 17 %), T̂ by 5.9 %, the worst by 24 %, with and without. Of the isotropic stacks below four are beyond 3 %:
+the total of three layers of eta 1.5, indices that differ by .2 and more, and a clear film of .5 mm.
+
 Light crosses a clear film straight, on its way out and where the face mirrors it back, by the angles that
 the face lets out and mirrors (`texsss/profiles/straight.py`), and so it does, by as much as they are rarer
 than what lies beneath, other layers; along them it spreads only as far as it flew since it last scattered.
 Such films, and layers of thickness 0, leave what gets out to the indices beneath, as in truth, whatever their
 own. What follows is of 139 stacks beside those of the table. Under clear films of .05 to 8 mm on half-spaces
-of one index, σs .74 to 5/mm, eta 1 to 1.5, R̂(s) of a beam is wrong by at most 5.1 % of R̂(0) at any s (76 %
-if light diffused through the film), on slabs by 5.7 %, their T̂ by 10 %, on another index by 8.7 %; R̂ of
-diffuse light by 13 %, on slabs 14 %, their T̂ 17 %, the worst where the film is .05 mm thin and
-nothing mirrors. R̂ of a beam may fall below 0 there by 1.7 % of R̂(0), and rise by 1.2 %: light that scattered
-once goes around rings, in truth too.
+of one index, σs .74 to 5/mm, eta 1 to 1.5, R̂(s) of a beam is wrong by at most 6.4 % of R̂(0) at any s (76 %
+if light diffused through the film), on slabs by 4.7 %, their T̂ by 11 %, on another index by 9.6 %; R̂ of
+diffuse light by 12 %, on slabs 12 %, their T̂ 17 %, the worst where nothing mirrors. R̂ of a beam may fall
+below 0 there by 1.7 % of R̂(0), and rise by 1.2 %: light that scattered once goes around rings, in truth too.
 
 Dense films, 8 and 50/mm, of .001 to .1 mm on rarer matter keep their narrow light: R̂(s) is wrong by at most
-10 % of R̂(0). Where such a film lies on a clear one, or between faint ones, it is wrong by up to 19 % (34 % if
-all diffused), and for diffuse light by 18 %. Between clear and scattering light does some of both: 2 mm of
-σs .1 and .3/mm on σa .5, σs 5/mm are wrong by 4 to 16 % of R̂(0) under a beam at eta 1 and 1.4, where that is
-3 to 12 % if it all diffuses.
+8.5 % of R̂(0). Where such a film lies on a clear one, or between faint ones, it is wrong by up to 15 % (34 %
+if all diffused), for diffuse light, too. Between clear and scattering light does some of both: 2 mm of
+σs .1 and .3/mm on σa .5, σs 5/mm are wrong by 2 to 12 % of R̂(0) under a beam at eta 1 and 1.4.
 
 ## Thin slabs that scatter forwards
 

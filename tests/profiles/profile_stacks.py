@@ -2,11 +2,14 @@
 
 import math
 
+import numpy as np
 import torch
 from reference import layers as reference
+from reference import sp3
 
 from texsss.media.medium import Medium
 from texsss.media.stack import Layer, LayerTable, Stack
+from texsss.profiles.hankel import hankel_profiles
 
 ALIKE = [
     reference.Layer(0.1, 1.0, 0.2, eta=1.5),
@@ -26,6 +29,12 @@ def stack_of(layers: list[reference.Layer]) -> Stack:
             for row in layers
         ]
     )
+
+
+def dense_multiple(layers: list[reference.Layer], s: torch.Tensor) -> list[np.ndarray]:
+    """R and T of two modes by collocation, with our single scattering, under a beam, up to one factor."""
+    once = hankel_profiles(stack_of(layers), s, incidence="normal", scattering="single")
+    return sp3.scattered_more(layers, s.numpy(), [x[:, 0].numpy() for x in once])
 
 
 def random_table(rows: int, layers: int, bottomless: bool, eta: float, seed: int) -> LayerTable:

@@ -23,6 +23,9 @@ At eta = 1 the cosines are Gauss nodes and b = γ = δ = 1. Where indices differ
 the medium has the cosines of the index through which light enters. A face of another index, with w', μ', b
 and γ of its own, lets the same out, B_j = (w_j' / w_j) (μ_j'² / σ) b_j sqrt(σ²/μ_j'² + γ_j s²), and inner
 layers beneath a thin outermost one decide with it how much that is (`let_out`).
+
+Light that scattered twice and more is R_c - R_u, led out as R_u is wrong of light that scattered once, by how
+much more than at s = 0.
 """
 
 from collections.abc import Sequence
@@ -47,6 +50,8 @@ MODES = {
 }
 
 
+# of the ratio of light that scattered once to what modes make of it: R and T; and what it fades out by
+MOST, SMOOTH, FADED = (3, 1.5), 0.1, 0.01
 SLANT = 2  # path over thickness of light that crosses a layer
 ROUND = 0.03  # of the corner of that share at 1
 OWN = 4  # a layer makes 1 - e^-(4 σ d) of a face its own, and e^-(4 τ) of what lies at τ sees the face
@@ -128,3 +133,22 @@ def collided(
         R.append(w @ (above * upper))
         T.append(w @ (below * lower))
     return np.array(R), np.array(T)
+
+
+def scattered_more(layers: Sequence[Layer], s: Array, once: Sequence[Array]) -> list[Array]:
+    """R and T of two or more scatterings (S,), up to one factor; thin slabs and films aside.
+
+    once: R1 and T1 (S,) by whatever means; s: 0 first.
+    """
+    coupled, alone = collided(layers, s), collided(layers, s, scattering=False)
+    found = []
+    for with_, without, exact, most in zip(coupled, alone, once, MOST):
+        more = with_ - without
+        if without.any():  # something comes out below
+            whole = 1 + np.sqrt(1 + SMOOTH**2)
+            ratio = exact / exact[0] / (without / without[0])
+            ratio = (ratio + np.sqrt(ratio**2 + SMOOTH**2)) / whole
+            rest = FADED / whole * more / without
+            more = more * (1 + most * ratio + rest) / (most + ratio + rest)
+        found.append(more)
+    return found

@@ -9,6 +9,7 @@
 #include "sweep.h"
 
 constexpr float FEW = 1e-6f;
+constexpr float MOST[2] = {3, 1.5f}, SMOOTH = 0.1f, FADED = 0.01f, LEAST = 1e-12f;  // of led_out.py
 constexpr int TOGETHER = 2;  // frequencies, or terms, side by side
 
 // What is asked, in the order of fused.py; `numbers` follow as read in Asked
@@ -77,6 +78,7 @@ struct Solver {
   const bool mirroring;
   Even even, pale_even;
   V factor, passed;  // of multiple scattering, and of all on its way through
+  V scale, most;     // of led_out.py
   Ways ways;  // of light that enters from all around
 
   explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets), mirroring(Even::holds(endless, a.etas)) {}
@@ -91,7 +93,7 @@ struct Solver {
       diffusion.prepare(seen, falling, endless);
       return;
     }
-    if (h.once || h.deflected) reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
+    reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
     if (BEAMS > 1) ways.find(layers, false, !endless);
     passed = all(1);
     if (h.deflected && (!h.below || !h.twice)) prepare_truly();
@@ -104,8 +106,11 @@ struct Solver {
     for (int i = 0; i < h.sets; i++) prepare(sweeps[i], seen, falling, h.below, i);
     if (mirroring) even.prepare(layers, asked.finer, asked.exits[0]);
     factor = furnace();
+    const Sweep::Orders found = by_modes(sweeps, 0);
+    V once = reduced.at(0), more = factor * and_evenly(found.twice, even, 0);
+    scale = (found.once + LEAST) * inverse(once + LEAST), most = all(MOST[h.below]);
     if (!h.deflected) return;
-    V more = factor * scattered_more(sweeps, even, 0), once = reduced.at(0);
+    most = 1 + (MOST[h.below] - 1) * across(seen);
     V handed = four.lacking(layers, endless, h.below, asked.directions, asked.finer, *asked.streams);
     if (h.below)
       passed = positive(1 + handed / (more + once + FEW));
@@ -130,10 +135,41 @@ struct Solver {
     truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true);
   }
 
-  V scattered_more(const std::vector<Sweep>& sweeps, const Even& even, float s) const {
+  static Sweep::Orders by_modes(const std::vector<Sweep>& sweeps, float s) {
+    Sweep::Orders found = {V{}, V{}};
+    for (const Sweep& sweep : sweeps) {
+      const Sweep::Orders own = sweep.at(s);
+      found.once += own.once, found.twice += own.twice;
+    }
+    return found;
+  }
+
+  V and_evenly(V twice, const Even& even, float s) const {
+    return mirroring && even.thin ? twice * even.rest + even.at(s) : twice;
+  }
+
+  // What scatters again, of which `once` does only once
+  V scattered_more(V once, float s) const {
+    const Sweep::Orders found = by_modes(sweeps, s);
+    return and_evenly(led_out(found.twice, found.once, scale * once), even, s);
+  }
+
+  // led_out.py: by how much it knows the way out of layers that scatter forwards, and what leaves
+  V across(const Layers& seen) const {
+    const std::vector<V>& shares = sweeps[0].near.ways.shares;
     V total = {};
-    for (const Sweep& sweep : sweeps) total += sweep.at(s);
-    return mirroring && even.thin ? total * even.rest + even.at(s) : total;
+    for (int k = 0; k < h.layers; k++) {
+      const V own = 1 - seen[k].g * seen[k].g;
+      total += (h.layers > 1 ? shares[k] : all(1)) * own * own;
+    }
+    return total;
+  }
+
+  V led_out(V twice, V own, V once) const {
+    once += root(once * once + (own * own * (SMOOTH * SMOOTH) + TINY));
+    own *= 1 + std::sqrt(1 + SMOOTH * SMOOTH);
+    const V rest = twice * FADED + LEAST;
+    return twice * (own + most * once + rest) * inverse(most * own + once + rest);
   }
 
   // What multiple scattering lacks for the same stack without absorption to return all light
@@ -156,7 +192,7 @@ struct Solver {
       lacking -= white.all_of(pale, shining, endless, asked.exits[side]);
       for (int i = 0; i < h.sets; i++) prepare(others[i], pale, shining, side, i);
       if (mirroring && !side) pale_even.prepare(pale, asked.finer, asked.exits[0]);
-      have += scattered_more(others, pale_even, 0);
+      have += and_evenly(by_modes(others, 0).twice, pale_even, 0);
     }
     return greater(lesser((lacking + FEW) * inverse(have + FEW), all(2)), all(0.5f));
   }
@@ -173,9 +209,11 @@ struct Solver {
   }
 
   V at(float s) const {
-    V total = {};
-    if (h.once) total = h.deflected && (!h.below || !h.twice) ? truly.at(s) : reduced.at(s);
-    if (h.twice) total += factor * scattered_more(sweeps, even, s);
+    const bool unlike = h.deflected && (!h.below || !h.twice);
+    V once = {}, total = {};
+    if (h.twice || !unlike) once = reduced.at(s);
+    if (h.once) total = unlike ? truly.at(s) : once;
+    if (h.twice) total += factor * scattered_more(once, s);
     total *= passed;
     if (h.marched) total -= marched.at(s);
     if (BEAMS == 1 || h.layers == 1) return total;

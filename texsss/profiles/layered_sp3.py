@@ -2,10 +2,10 @@
 
 Multiple scattering is carried by two modes of different mean cosine, coupled by scattering, as in the
 SP3 equations; what the modes carry without scattering is the light that scattered once, crudely, and
-is replaced by the exact integral. Cosines, boundary coefficients: fitted to half-spaces of index 1 to
-1.6, Gauss nodes at 1. Thin slabs between faces that mirror are lit evenly instead (`even`), films rarer than
-what lies beneath are crossed straight (`films`, `straight`). One factor per
-row makes a stack that absorbs nothing lose nothing.
+is replaced by the exact integral. How far that was wrong tells how light that scattered again gets out, too
+(`led_out`). Cosines, boundary coefficients: fitted to half-spaces of index 1 to 1.6, Gauss nodes at 1.
+Thin slabs between faces that mirror are lit evenly instead (`even`), films rarer than what lies beneath are
+crossed straight (`films`, `straight`). One factor per row makes a stack that absorbs nothing lose nothing.
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
 
@@ -20,6 +20,7 @@ from texsss.profiles.blocks import Loops, Solver, solved
 from texsss.profiles.even import Even, scattered_evenly
 from texsss.profiles.films import Way, one_way, there_and_back, ways
 from texsss.profiles.four_streams import lacking
+from texsss.profiles.led_out import led_out, most, scaled
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
 from texsss.profiles.straight import Fading, leaving
@@ -37,10 +38,13 @@ class Multiple(NamedTuple):
     sweeps: tuple[Sweep, ...]
     share: tuple[Tensor | float, ...]  # of every sweep, (1, N) or a number
     even: Even | None
+    scale: Tensor | float = 1.0  # (1, N) of light that scattered once, to be what sweeps make of it at s = 0
+    most: Tensor | float = 1.0  # (1, N) or a number, of `led_out`
 
     def times(self, factor: Tensor) -> "Multiple":
         slab = self.even and self.even._replace(strength=self.even.strength * factor)
-        return Multiple(self.sweeps, tuple(share * factor for share in self.share), slab)
+        share = tuple(share * factor for share in self.share)
+        return self._replace(share=share, even=slab, scale=self.scale * factor)
 
 
 class Entrance(NamedTuple):
@@ -58,6 +62,7 @@ class Prepared(NamedTuple):
     """A stack seen from one side, whatever the frequency."""
 
     once: tuple[Node, ...]  # none if only multiple scattering was asked for
+    reduced: tuple[Node, ...]  # isotropic, as sweeps see it; none if `once` is, or only that was asked for
     more: Multiple | None  # None if only single scattering was
     passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
     marched: tuple[Node, ...]  # what is left to the march; none unless asked for
@@ -108,26 +113,29 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     if len(directions) > 1 and len(layers) > 1:  # from one side it would come from another place, not spread
         entrance = Entrance(ways(layers), leaving(layers[0].eta), side == "reflectance")
     if scattering == "single":
-        return Prepared(once, None, None, (), entrance)
+        return Prepared(once, (), None, None, (), entrance)
     more = _multiple(layers, lights, directions, side)
     factor = _furnace(layers, lights, directions)
+    zero = factor.new_zeros(1, 1)
+    first, (twice, own) = scattered_once(reduced, zero), _by_modes(more, zero)
+    seen, _ = from_side(side, layers, lights)
+    more = more._replace(scale=scaled(own, first), most=most(seen, side, isotropic=unreduced is None))
     passed = None
     if unreduced is not None:
-        zero = factor.new_zeros(1, 1)
-        whole = factor * _scattered_more(more, zero)
+        whole = factor * _and_evenly(more, twice, zero)
         handed = lacking(layers, directions, side)
         if side == "reflectance":
-            handed = handed + scattered_once(reduced, zero) - scattered_once(once, zero)
+            handed = handed + first - scattered_once(once, zero)
             # backward scattering can ask for more than there is
             factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
         else:
             once = reduced
-            passed = (1 + handed / (whole + scattered_once(reduced, zero) + FEW)).clamp_min(0)
+            passed = (1 + handed / (whole + first + FEW)).clamp_min(0)
     marched = ()
     if scattering == "unmarched" and side == "reflectance":
         marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
-    once = () if scattering == "multiple" else once
-    return Prepared(once, more.times(factor), passed, marched, entrance)
+    shown = () if scattering == "multiple" else once
+    return Prepared(shown, () if shown is reduced else reduced, more.times(factor), passed, marched, entrance)
 
 
 @no_type_check
@@ -135,7 +143,8 @@ def spectrum(prepared, s):
     """R̂ or T̂ per frequency, row and channel (S, N); `s`: frequencies (S, 1)."""
     terms = [scattered_once(prepared.once, s)] if prepared.once else []
     if prepared.more is not None:
-        terms.append(_scattered_more(prepared.more, s))
+        first = scattered_once(prepared.reduced, s) if prepared.reduced else terms[0]
+        terms.append(_scattered_more(prepared.more, s, first))
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
@@ -152,12 +161,23 @@ def _marched(layers, phase, directions):
 
 
 @no_type_check
-def _scattered_more(more, s):
+def _scattered_more(more, s, first):
+    """`first`: what leaves after one scattering (S, N), of reduced coefficients."""
+    twice, own = _by_modes(more, s)
+    return _and_evenly(more, led_out(twice, own, more.scale * first, more.most), s)
+
+
+@no_type_check
+def _by_modes(more, s):
+    """What sweeps make of light that scattered twice and more, and of such as did once, (S, N) each."""
     s2 = s * s
-    terms = [share * scattered_twice(sweep, s, s2) for share, sweep in zip(more.share, more.sweeps)]
-    if more.even is not None:
-        terms.append(scattered_evenly(more.even, s))
-    return added(terms)
+    twice, once = zip(*(scattered_twice(sweep, s, s2) for sweep in more.sweeps))
+    return tuple(added([share * x for share, x in zip(more.share, order)]) for order in (twice, once))
+
+
+@no_type_check
+def _and_evenly(more, twice, s):
+    return twice if more.even is None else twice + scattered_evenly(more.even, s)
 
 
 @no_type_check
@@ -182,7 +202,8 @@ def _furnace(layers, lights, directions):
     once, have = 0.0, 0.0
     for side in ("reflectance", "transmittance")[: 1 if layers[-1].d is None else 2]:
         once = once + scattered_once(single.prepare(*from_side(side, white, lit), None), zero)
-        have = have + _scattered_more(_multiple(white, lit, directions, side), zero)
+        more = _multiple(white, lit, directions, side)
+        have = have + _and_evenly(more, _by_modes(more, zero)[0], zero)
     lacking = extinguished(layers, directions) - once
     return ((lacking + FEW) / (have + FEW)).clamp(0.5, 2.0)
 

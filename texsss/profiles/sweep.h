@@ -162,14 +162,17 @@ struct Sweep {
     k1 = c1 * p, k2 = c2 * p;
   }
 
-  V at(float s) const {
+  struct Orders {
+    V once, twice;  // and more
+  };
+
+  Orders at(float s) const {
     const float s2 = s * s;
     V b[2], out[2], lowest[2] = {}, unseen[2];
     near.at(s, b, out);
     if (slab) far.at(s, lowest, unseen);
-    V both = coupled(s2, b, out, lowest);
-    for (int m = 0; m < 2; m++) both -= uncoupled(s2, m, b[m], out[m], lowest[m]);
-    return weight * both;
+    V once = uncoupled(s2, 0, b[0], out[0], lowest[0]) + uncoupled(s2, 1, b[1], out[1], lowest[1]);
+    return {weight * once, weight * (coupled(s2, b, out, lowest) - once)};
   }
 
   V received(const Level& level, const Carried& carried, V decay) const {

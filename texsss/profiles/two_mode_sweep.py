@@ -14,7 +14,7 @@ import torch
 
 from texsss.profiles.films import Way, last_scattered, one_way, spread_aside, ways
 from texsss.profiles.modes import LEAST, Ray, Sheet, crossed, crossing, lit, ray_of, received, sheet_of
-from texsss.profiles.slab import THIN, TINY
+from texsss.profiles.slab import THIN, TINY, added
 from texsss.profiles.straight import Fading, leaving, returning
 from texsss.types import Tensor
 
@@ -144,17 +144,15 @@ def _face(layers, modes):
 
 @no_type_check
 def scattered_twice(sweep, s, s2):
-    """Light that leaves by the near face after two or more scatterings (S, N), per unit of the lights.
+    """Light that leaves by the near face after two or more scatterings, and after one (S, N each), per unit.
 
-    That is what the coupled modes carry there less what they carry without scattering on the way.
-    `s`, `s2`: frequencies (S, 1) and their squares. Differentiable.
+    The latter is what the modes carry there without scattering on the way; the former, what they carry in all
+    less that. `s`, `s2`: frequencies (S, 1) and their squares. Differentiable.
     """
     b, out = _at_face(sweep.near, s)
     lowest = None if sweep.far is None else _at_face(sweep.far, s)[0]
-    both = _coupled(sweep.levels, s2, b, out, lowest)
-    for m in (0, 1):
-        both = both - _uncoupled(sweep.levels, s2, m, b[m], out[m], None if lowest is None else lowest[m])
-    return both
+    once = added([_uncoupled(sweep.levels, s2, m, b[m], out[m], lowest and lowest[m]) for m in (0, 1)])
+    return _coupled(sweep.levels, s2, b, out, lowest) - once, once
 
 
 @no_type_check
