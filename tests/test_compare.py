@@ -10,7 +10,7 @@ from test_methods import plain
 from texsss.baker import Baker
 from texsss.compare import FILES, asked, compare
 from texsss.errors import AssetError, Cancelled, DomainError
-from texsss.io.sheet import difference_map, sheet
+from texsss.io.sheet import COOL, WARM, difference_map, sheet
 
 
 def test_a_method_equals_itself_and_others_differ(small):
@@ -68,6 +68,12 @@ def test_files_are_a_table_numbers_and_a_sheet(small, tmp_path):
     assert written["compare.md"].read_text().count("\n| ") == 4
     with Image.open(written["compare.png"]) as picture:
         assert picture.size[0] > 3 * 64 and picture.size[1] > 2 * 48
+        below = picture.convert("RGB").crop((0, picture.height - 40, picture.width, picture.height))
+        shown = {colour for _, colour in below.getcolors(1 << 16) or []}
+    for colour in (WARM, COOL):
+        assert tuple(round(255 * part) for part in colour) in shown, (
+            "a legend says what is brighter and darker"
+        )
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "compare.md").mkdir()
     with pytest.raises(AssetError, match="folder at"):

@@ -11,7 +11,7 @@ import torch
 from texsss.baker import Baker
 from texsss.errors import DomainError
 from texsss.io.images import write_png
-from texsss.io.sheet import Panel, difference_map, sheet
+from texsss.io.sheet import COOL, WARM, Panel, difference_map, sheet, title_size, with_legend
 from texsss.methods import ALONE, SPLITS
 from texsss.result import staging
 from texsss.scene import Scene
@@ -79,7 +79,7 @@ class Comparison:
         return "\n".join(lines) + "\n"
 
     def sheet(self) -> Float[Tensor, "H W 3"]:
-        """Pictures above, differences to the reference below."""
+        """Pictures above, differences to the reference below, and what their colours say."""
         expected = self.pictures[[row.method for row in self.rows].index(self.reference)]
         differences = [picture - expected for picture in self.pictures]
         sizes = torch.cat([d.mean(-1).abs()[expected.sum(-1) > 0] for d in differences])
@@ -98,7 +98,9 @@ class Comparison:
             if row.method != self.reference or len(self.rows) == 1:
                 title = f"{row.method} against {self.reference}"
                 below.append((title, note, difference_map(difference, full)))
-        return sheet([above, below], min(COLUMNS, len(above)))
+        columns = -(-len(above) // -(-len(above) // COLUMNS))  # rows of one length, nearly
+        words = [(WARM, f"brighter than {self.reference}"), (COOL, f"darker than {self.reference}")]
+        return with_legend(sheet([above, below], columns), words, 2 * title_size(self.display[0].shape[1]))
 
     def save(self, folder: str | Path) -> dict[str, Path]:
         """Writes table, numbers and sheet into `folder`, all or none; gives their paths by name.

@@ -29,7 +29,7 @@ def sheet(rows: list[list[Panel]], columns: int) -> Float[Tensor, "h w 3"]:
             "pass some, all alike."
         )
     height, width, _ = sizes.pop()
-    title = max(12, round(width / 22))
+    title = title_size(width)
     head = 3 * title
     across = max(len(line) for line in lines)
     paper = Image.new("RGB", (across * (width + GAP) + GAP, len(lines) * (height + head + GAP) + GAP), PAPER)
@@ -45,17 +45,25 @@ def sheet(rows: list[list[Panel]], columns: int) -> Float[Tensor, "h w 3"]:
     return torch.from_numpy(np.asarray(paper).copy()).float() / 255
 
 
+def title_size(width: int) -> int:
+    """Pixels of the titles of panels that are `width` pixels wide."""
+    return max(12, round(width / 22))
+
+
 def with_legend(
-    image: Float[Tensor, "H W 3"], entries: list[tuple[tuple[float, float, float], str]]
+    image: Float[Tensor, "H W 3"],
+    entries: list[tuple[tuple[float, float, float], str]],
+    line: int | None = None,
 ) -> Float[Tensor, "h w 3"]:
     """A picture of display values with a line for every (colour, what it means) below it.
 
-    Small pictures are enlarged by a whole number, so that the lines fit beside each other.
+    Small pictures are enlarged by a whole number, so that the lines fit beside each other. `line`: the height
+    of one in pixels, a fortieth of the width if left out.
     """
     scale = -(-LEGEND // image.shape[1])
     image = image.repeat_interleave(scale, 0).repeat_interleave(scale, 1)
     width = image.shape[1]
-    line = max(18, round(width / 40))
+    line = line or max(18, round(width / 40))
     columns = 2
     rows = -(-len(entries) // columns)
     paper = Image.new("RGB", (width, rows * line + 2 * GAP), PAPER)
