@@ -11,8 +11,10 @@ from texsss.types import Float, Tensor
 
 NARROWEST_TEXELS = 0.6  # std of the narrowest positive Gaussian [texels]; below it a texel cannot tell
 WIDEST_SHARE = 0.035  # std of the widest [extents] on large objects
-WIDEST_MM = 5.0  # ... and on small ones, within
-WIDEST_SMALL = 0.1  # ... this share of the extent
+WIDEST_MM = 13.0  # ... and on small ones, which holds what chicken and potato spread; less with few terms,
+ENOUGH = 8  # ... as fewer than these would stand too far apart
+WIDEST_SMALL = 0.2  # ... and never more than this share of the extent
+GROWTH = 1.3  # longest step / shortest, on a logarithmic axis: .2 to .7 of the error of even steps
 NODES = 16  # frequencies: more change the fit by less than .02 % of the profile
 RIDGE = 1e-6  # relative; keeps weights tame where the ladder is finer than the profile
 
@@ -20,9 +22,10 @@ RIDGE = 1e-6  # relative; keeps weights tame where the ladder is finer than the 
 def variance_ladder(texel_mm: float, extent_mm: float, terms: int = 8) -> Float[Tensor, " K"]:
     """Variances [mm²] of the Gaussians that serve every material on a texture, ascending, float64.
 
-    0 first, for light that comes out within its texel; then a geometric sequence from .6 texels to
-    3.5 % of the object's extent (5 mm on small objects, at most a tenth). It depends on geometry
-    alone, so that blurred lightmaps outlive the material.
+    0 first, for light that comes out within its texel; then deviations from .6 texels to 3.5 % of the
+    object's extent, in steps that grow outwards. On small objects they reach to 13 mm, less in proportion
+    where terms are fewer than 8, and at most a fifth of the extent. It depends on geometry alone, so that
+    blurred lightmaps outlive the material.
     Raises DomainError: for sizes not above zero, or no terms.
     """
     for name, value in (("texel_mm", texel_mm), ("extent_mm", extent_mm)):
@@ -33,11 +36,15 @@ def variance_ladder(texel_mm: float, extent_mm: float, terms: int = 8) -> Float[
     if terms < 1:
         raise DomainError(f"variance_ladder: expected at least one term, got {terms}; 6 to 10 serve well.")
     low = NARROWEST_TEXELS * texel_mm
-    high = max(min(WIDEST_SMALL * extent_mm, max(WIDEST_SHARE * extent_mm, WIDEST_MM)), 2 * low)
+    far = WIDEST_MM * min(terms / ENOUGH, 1)
+    high = max(min(WIDEST_SMALL * extent_mm, max(WIDEST_SHARE * extent_mm, far)), 2 * low)
     if terms <= 2:  # no room for a sequence: one width between the ends
         positive = torch.full((terms - 1,), low * high, dtype=torch.float64)
     else:
-        positive = torch.logspace(2 * math.log10(low), 2 * math.log10(high), terms - 1, dtype=torch.float64)
+        steps = torch.linspace(1, GROWTH, terms - 2, dtype=torch.float64)
+        steps[0] = GROWTH  # beside the variance of 0, which is the tip of every profile
+        along = torch.cat([steps.new_zeros(1), steps.cumsum(0)]) / steps.sum()
+        positive = (low * (high / low) ** along).square()
     return torch.cat([torch.zeros(1, dtype=torch.float64), positive])
 
 
