@@ -7,6 +7,7 @@ from texsss.light.visibility import Occluder
 from texsss.surface.mesh import Mesh
 from texsss.types import Bool, Float, Tensor
 
+REACH = 2.0  # edges of a face that it is cut off within: what is farther throws a true shadow
 PASSES = 3  # of flat faces one after the other, that a ray may have cut off
 
 
@@ -22,8 +23,8 @@ def cut_by_faces(
     For rays that are hidden, along unit `directions`, from the lifted starts of `sites_at`, `offset_mm` off
     their faces: those do for convex parts, but saddles and hollows leave teeth along the terminator. A ray
     that enters a face whose smooth normal faces the light enters no smooth surface: it may go on where it
-    leaves again no deeper beneath the face than the corners' tangent planes stand off it. Sheets without a
-    back hide all. `distance` [mm] of the light, None: the sky. Without gradients.
+    leaves again nearby, no deeper beneath the face than the corners' tangent planes stand off it. Sheets
+    without a back hide all. `distance` [mm] of the light, None: the sky. Without gradients.
     """
     corners, corner_normals = mesh.corners.detach(), mesh.corner_normals.detach()
     face_normals, aside = mesh.face_normals.detach(), occluder.offset_mm
@@ -40,7 +41,9 @@ def cut_by_faces(
         out, _, far = occluder.closest(inside, ahead)
         enters = (face >= 0) & (steep > 0) & (dot(smooth, ahead) > 0)
         leaves = (out >= 0) & (dot(face_normals[out], ahead) > 0)
-        kept = enters & leaves & (far.to(steep) * steep <= _stand_off(corners[face], normals))
+        edge = (corners[face] - corners[face].roll(1, 1)).square().sum(-1).amax(1).sqrt()
+        nigh = torch.maximum(near, far).to(edge) <= REACH * edge
+        kept = enters & leaves & nigh & (far.to(steep) * steep <= _stand_off(corners[face], normals))
         rows, ahead = rows[kept], ahead[kept]
         start = inside[kept] + (far[kept] + aside)[:, None].to(ahead) * ahead
         left = None if left is None else (left - (near + far + 2 * aside).to(left))[kept]
