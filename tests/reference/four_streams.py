@@ -54,7 +54,7 @@ def _peaked(layer: Layer) -> tuple[Layer, tuple[float, float]]:
 
 def _streams(eta: float) -> Streams:
     """Halves of the hemisphere by what can leave, cosines whose mean is ½ and whose spread was fitted."""
-    cut = float(np.clip(np.sqrt(1 - 1 / eta**2), 0.5, 0.75))
+    cut = float(np.clip(np.sqrt(1 - 1 / eta**2), min(0.5, eta - 0.6), 0.75))
     w = np.array([cut, 1 - cut])
     width = np.sqrt(1 / 12 - 0.03 * min((eta - 1) / 0.33, 1.0))
     return Streams(cut, 0.5 + width * np.array([-np.sqrt(w[1] / w[0]), np.sqrt(w[0] / w[1])]), w)

@@ -24,7 +24,8 @@ from texsss.profiles.incidence import finer
 from texsss.profiles.modes import LEAST, crossing, lit, ray_of, received, sheet_of
 from texsss.profiles.slab import FAR, TINY, from_side, light_in, mirrors, refracted
 
-CONE = (0.5, 0.75)  # least and most cosine at which the hemisphere is cut
+CONE = (0.5, 0.75)  # least and most cosine at which the hemisphere is cut ...
+OPEN = 0.1  # and how much less than that where all leaves: at .5 thin slabs of index 1 are 3 % brighter
 SPREAD = 0.03  # of the second moment that cosines lack where indices differ ...
 SPREAD_AT = 1.33  # ... from this one on: without it R at normal incidence is 8 % higher
 QUADRATURE = 64
@@ -52,7 +53,8 @@ class Streams(NamedTuple):
 @cache
 def streams(eta: float) -> Streams:
     """The two cosines of a stack whose greatest index is `eta`."""
-    cut = min(max(math.sqrt(1 - 1 / eta**2), CONE[0]), CONE[1])
+    least = CONE[0] - max(OPEN - (eta - 1), 0.0)
+    cut = min(max(math.sqrt(1 - 1 / eta**2), least), CONE[1])
     w = np.array([cut, 1 - cut])
     width = math.sqrt(1 / 12 - SPREAD * min((eta - 1) / (SPREAD_AT - 1), 1.0))
     mu = 0.5 + width * np.array([-math.sqrt(w[1] / w[0]), math.sqrt(w[0] / w[1])])

@@ -27,6 +27,7 @@ struct Asked {
   const Parameters* sets[2];
   const Fadings* fadings;  // of the top and of the bottom
   const Streams* streams;
+  float aligned;
 
   Asked(const Header& header, const double* numbers) : h(header) {
     auto next = [&](size_t count) {
@@ -60,7 +61,7 @@ struct Asked {
       sets[side] = (const Parameters*)next(31 * h.sets);
     }
     if (h.sp3) fadings = (const Fadings*)next(12);
-    if (h.deflected) streams = (const Streams*)next(14);
+    if (h.deflected) streams = (const Streams*)next(14), aligned = float(*next(1));
   }
 };
 
@@ -69,11 +70,11 @@ struct Solver {
   const Header& h;
   const bool endless;
   Diffusion diffusion;
-  Once reduced, truly, marched;
+  Once reduced, truly, nearly, marched;
   White white;
   std::vector<Sweep> sweeps, others;
-  Layers layers, below, pale, unreduced;  // from the surface inwards, from below; without absorption; in truth
-  Lights lights, beneath, shining, unreduced_lights, level;
+  Layers layers, below, pale, unreduced, peaked;  // from the surface inwards, from below; without absorption; in truth
+  Lights lights, beneath, shining, unreduced_lights, peaked_lights, level;
   FourStreams four;
   const bool mirroring;
   Even even, pale_even;
@@ -115,7 +116,7 @@ struct Solver {
     if (h.below)
       passed = positive(1 + handed / (more + once + FEW));
     else
-      factor *= positive(1 + (handed + once - truly.at(0)) / (more + 1e-20f));
+      factor *= positive(1 + (handed + once - nearly.at(0)) / (more + 1e-20f));
   }
 
   void prepare(Sweep& sweep, const Layers& seen, const Lights& falling, int side, int set) const {
@@ -126,6 +127,8 @@ struct Solver {
     unreduced = layers;
     for (Layer& layer : unreduced)
       layer = layer_of(layer.sigma_a, layer.sigma_s / (1 - layer.g), layer.g, layer.d, layer.index);
+    if (h.twice) prepare_nearly();
+    if (h.twice && h.once) return;
     light_in(unreduced, endless, asked.directions, unreduced_lights, asked.finer);
     if (h.below) {
       const Layers from = unreduced;
@@ -133,6 +136,17 @@ struct Solver {
       turned(from, light, unreduced, unreduced_lights);
     }
     truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true);
+  }
+
+  // nearly.py
+  void prepare_nearly() {
+    peaked = unreduced;
+    for (Layer& layer : peaked) {
+      V forwards = positive(layer.g), straight = asked.aligned * forwards * forwards * forwards, less = layer.sigma_s * straight;
+      layer.sigma_s -= less, layer.sigma -= less, layer.g = (layer.g - straight) * inverse(1 - straight);
+    }
+    light_in(peaked, endless, asked.directions, peaked_lights, asked.finer);
+    nearly.prepare(peaked, peaked_lights, endless, asked.exits[0], true);
   }
 
   static Sweep::Orders by_modes(const std::vector<Sweep>& sweeps, float s) {
@@ -212,7 +226,10 @@ struct Solver {
     const bool unlike = h.deflected && (!h.below || !h.twice);
     V once = {}, total = {};
     if (h.twice || !unlike) once = reduced.at(s);
-    if (h.once) total = unlike ? truly.at(s) : once;
+    if (unlike && h.twice)
+      total = h.once ? nearly.at(s) : nearly.at(s) - truly.at(s);
+    else if (h.once)
+      total = unlike ? truly.at(s) : once;
     if (h.twice) total += factor * scattered_more(once, s);
     total *= passed;
     if (h.marched) total -= marched.at(s);

@@ -12,6 +12,7 @@ from texsss.profiles.four_streams import moments
 from texsss.profiles.incidence import Incidence, finer, incidence_directions, mean_direction
 from texsss.profiles.layered_diffusion import admittance
 from texsss.profiles.layered_sp3 import parameters, unreduced
+from texsss.profiles.nearly import aligned
 from texsss.profiles.single import exits
 from texsss.profiles.slab import mirrors
 from texsss.types import Float, Tensor
@@ -65,7 +66,7 @@ class Fused:
             numbers += [*straight.leaving(eta), *straight.returning(eta)]
         deflected = two and unreduced(table)
         if deflected:
-            numbers += moments(etas, below)
+            numbers += [*moments(etas, below), aligned(directions)]
         header = [two, len(etas), table.channels, table.bottomless, below, scattering != "multiple"]
         header += [scattering != "single", deflected]
         header += [scattering == "unmarched" and not below, len(fine), len(leaving), len(sets), *matrix.shape]

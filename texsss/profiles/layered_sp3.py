@@ -5,7 +5,8 @@ SP3 equations; what the modes carry without scattering is the light that scatter
 is replaced by the exact integral. How far that was wrong tells how light that scattered again gets out, too
 (`led_out`). Cosines, boundary coefficients: fitted to half-spaces of index 1 to 1.6, Gauss nodes at 1.
 Thin slabs between faces that mirror are lit evenly instead (`even`), films rarer than what lies beneath are
-crossed straight (`films`, `straight`). One factor per row makes a stack that absorbs nothing lose nothing.
+crossed straight (`films`, `straight`), and where media scatter forwards what is hardly deflected but once
+stays narrow (`nearly`). One factor per row makes a stack that absorbs nothing lose nothing.
 Source: our own; the equations are those of Larsen et al. 2002 with free boundary coefficients.
 """
 
@@ -21,6 +22,7 @@ from texsss.profiles.even import Even, scattered_evenly
 from texsss.profiles.films import Way, one_way, there_and_back, ways
 from texsss.profiles.four_streams import lacking
 from texsss.profiles.led_out import led_out, most, scaled
+from texsss.profiles.nearly import peaked
 from texsss.profiles.single import Node, scattered_once
 from texsss.profiles.slab import Directions, added, extinguished, from_side, light_in
 from texsss.profiles.straight import Fading, leaving
@@ -61,11 +63,11 @@ class Entrance(NamedTuple):
 class Prepared(NamedTuple):
     """A stack seen from one side, whatever the frequency."""
 
-    once: tuple[Node, ...]  # none if only multiple scattering was asked for
+    once: tuple[Node, ...]  # and nearly once; none if not asked for
     reduced: tuple[Node, ...]  # isotropic, as sweeps see it; none if `once` is, or only that was asked for
     more: Multiple | None  # None if only single scattering was
     passed: Tensor | None  # of all, (1, N), where light is deflected forwards on its way through
-    marched: tuple[Node, ...]  # what is left to the march; none unless asked for
+    less: tuple[Node, ...]  # what of `once` was not asked for: what scattered once, or what the march sees
     entrance: Entrance | None  # None where no film is crossed
 
 
@@ -82,11 +84,12 @@ def profile(
     """R̂ or T̂ (`side`) of light that entered in `directions`, per row and channel, flattened to N.
 
     `scattering`: total, single, multiple, or unmarched, the total less `_marched`.
-    In reflectance single scattering follows `phase`, and the multiple part, whose similarity is
-    σs' = σs (1 - g), isotropic, takes up what the reduced and isotropic single scattering counts beyond it,
-    and what similarity lacks (`four_streams`), spread like itself. Transmittance keeps to the reduced
-    coefficients, in which light that is hardly deflected is part of the beam, but for what similarity lacks,
-    of which single and multiple scattering have their shares; only `single` knows `phase`.
+    In reflectance single scattering follows `phase`, and so does what is hardly deflected but once
+    (`nearly`). The rest, whose similarity is σs' = σs (1 - g), isotropic, takes up what the reduced and
+    isotropic single scattering counts beyond both, and what similarity lacks (`four_streams`), spread like
+    itself. Transmittance keeps to the reduced coefficients, in which light that is hardly deflected is part
+    of the beam, but for what similarity lacks, of which single and multiple scattering have their shares;
+    only `single` knows `phase`.
     Differentiable in `table` and `s`.
     """
     asked = (directions, side, scattering, phase)
@@ -107,7 +110,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     """
     lights = light_in(layers, directions)
     once = reduced = single.prepare(*from_side(side, layers, lights), None)
-    if unreduced is not None:
+    if unreduced is not None and scattering in ("single", "multiple"):
         once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
     entrance = None
     if len(directions) > 1 and len(layers) > 1:  # from one side it would come from another place, not spread
@@ -120,22 +123,26 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     first, (twice, own) = scattered_once(reduced, zero), _by_modes(more, zero)
     seen, _ = from_side(side, layers, lights)
     more = more._replace(scale=scaled(own, first), most=most(seen, side, isotropic=unreduced is None))
-    passed = None
+    passed, less = None, ()
     if unreduced is not None:
         whole = factor * _and_evenly(more, twice, zero)
         handed = lacking(layers, directions, side)
         if side == "reflectance":
+            near = peaked(unreduced, directions)
+            less, once = once, single.prepare(near, light_in(near, directions), phase)
             handed = handed + first - scattered_once(once, zero)
-            # backward scattering can ask for more than there is
+            # narrow light can be more than there is
             factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
         else:
             once = reduced
             passed = (1 + handed / (whole + first + FEW)).clamp_min(0)
-    marched = ()
-    if scattering == "unmarched" and side == "reflectance":
-        marched = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
-    shown = () if scattering == "multiple" else once
-    return Prepared(shown, () if shown is reduced else reduced, more.times(factor), passed, marched, entrance)
+    if scattering == "multiple":
+        once = once if less else ()
+    elif scattering == "unmarched" and side == "reflectance":
+        less = _marched(*((layers, None) if unreduced is None else (unreduced, phase)), directions)
+    else:
+        less = ()
+    return Prepared(once, () if once is reduced else reduced, more.times(factor), passed, less, entrance)
 
 
 @no_type_check
@@ -148,8 +155,8 @@ def spectrum(prepared, s):
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
-    if prepared.marched:
-        total = total - scattered_once(prepared.marched, s)
+    if prepared.less:
+        total = total - scattered_once(prepared.less, s)
     return total if prepared.entrance is None else total * prepared.entrance.times(s)
 
 
