@@ -229,8 +229,8 @@ added (`texsss/profiles/four_streams.py`): the slab of .3 reduced mean free path
 Light that is hardly deflected but once leaves near where it entered: it is counted as if it had scattered
 once, in a medium that scatters less (`texsss/profiles/nearly.py`). On 48 random stacks beside those of the
 table, twelve of g .3, .6, .8 and .9 each, one to four layers, eta 1 to 1.6, the radial error of R̂(s) at
-normal incidence is .06, .11, .09 and .16 on average, by g; .08, .17, .24 and .29 if all that scatters again
-spreads alike. Under diffuse light it is .20, .23, .14 and .20 (.19, .22, .17 and .24), much of it of light
+normal incidence is .06, .10, .09 and .16 on average, by g; .07, .17, .24 and .29 if all that scatters again
+spreads alike. Under diffuse light it is .21, .23, .14 and .20 (.19, .22, .16 and .24), much of it of light
 that scattered once: that it came in aslant is left out.
 
 In thin slabs whose faces mirror totally light is everywhere alike, and what scatters again and what leaves
