@@ -100,7 +100,8 @@ class Comparison:
                 below.append((title, note, difference_map(difference, full)))
         columns = -(-len(above) // -(-len(above) // COLUMNS))  # rows of one length, nearly
         words = [(WARM, f"brighter than {self.reference}"), (COOL, f"darker than {self.reference}")]
-        return with_legend(sheet([above, below], columns), words, 2 * title_size(self.display[0].shape[1]))
+        line = round(1.5 * title_size(self.display[0].shape[1]))  # letters as large as those of titles
+        return with_legend(sheet([above, below], columns), words, line)
 
     def save(self, folder: str | Path) -> dict[str, Path]:
         """Writes table, numbers and sheet into `folder`, all or none; gives their paths by name.
