@@ -1,5 +1,6 @@
 """Methods beside the default through the whole pipeline: octree, Poisson discs, light from the far side."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,15 @@ import torch
 from texsss.baker import Baker, bake
 from texsss.errors import Cancelled, DomainError
 from texsss.io.images import write_png
+from texsss.material import MaterialSpec
 from texsss.media.presets import preset
 from texsss.media.stack import Layer, Stack
 from texsss.profiles.hankel import hankel_profiles
 from texsss.result import Baked
 from texsss.scene import Scene
 from texsss.stages import STAGE_VERSIONS
+
+ZERO = torch.zeros(1)
 
 
 def plain(small: dict, **methods) -> Scene:
@@ -176,3 +180,18 @@ def test_octree_stops_and_says_how_far_it_is(small):
 def test_bad_methods_are_answered(small, methods, said):
     with pytest.raises(DomainError, match=said):
         bake(plain(small, **methods))
+
+
+@pytest.mark.parametrize(
+    ("incidence", "angle"),
+    [("normal", "normal"), ({"angle_deg": 75}, math.radians(75))],
+)
+def test_profiles_take_light_from_the_angle_that_a_scene_names(small, incidence, angle):
+    """What comes back is R̂(0) at that angle, with a layer on top that is absent."""
+    scene = plain(small, incidence=incidence, diffusion="none")
+    layers = [{"medium": "skin2", "thickness_mm": 0}, {"medium": "skin1"}]
+    baked = bake(scene.model_copy(update={"material": MaterialSpec.model_validate({"layers": layers})}))
+    R = hankel_profiles(Stack([Layer(preset("skin2"), 0.0), Layer(preset("skin1"))]), ZERO, incidence=angle)[
+        0
+    ]
+    torch.testing.assert_close(baked.texel_exitance, baked.texel_irradiance * R[0], rtol=1e-4, atol=1e-6)

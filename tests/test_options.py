@@ -1,10 +1,13 @@
 """Lights and maps in short, as options of every command."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from texsss.errors import DomainError
 from texsss.options import described
 
 
@@ -41,3 +44,12 @@ def test_light_through_thin_parts_can_be_asked_for_and_refused(tmp_path):
     (tmp_path / "scene.json").write_text(scene.model_dump_json())
     assert described(tmp_path / "scene.json").methods.transmission
     assert not described(tmp_path / "scene.json", transmission=False).methods.transmission
+
+
+def test_the_angle_at_which_light_arrives_is_said_in_degrees():
+    assert described(Path("head.obj"), incidence="normal").methods.arriving == "normal"
+    assert described(Path("head.obj"), incidence="60").methods.arriving == pytest.approx(math.pi / 3)
+    with pytest.raises(
+        DomainError, match=r"incidence.*'diffuse' or 'normal' or \{ \} with angle_deg, got 'up'"
+    ):
+        described(Path("head.obj"), incidence="up")

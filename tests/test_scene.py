@@ -67,7 +67,12 @@ def test_a_source_that_is_stated_takes_the_place_of_the_default_objects():
             ["albedo: expected the name of a map, got"],
         ),
         ({"maps": {"a": "x.png"}}, ["maps.a: expected { } with source, space, channel, got 'x.png'."]),
-        ({"material": {"layers": [{"thickness_mm": -1}]}}, ["thickness_mm: expected more than 0, got -1."]),
+        (
+            {"methods": {"incidence": 45}},
+            ["incidence: expected 'diffuse' or 'normal' or { } with angle_deg, got 45."],
+        ),
+        ({"methods": {"incidence": {"angle_deg": 91}}}, ["angle_deg: expected at most 90, got 91."]),
+        ({"material": {"layers": [{"thickness_mm": -1}]}}, ["thickness_mm: expected at least 0, got -1."]),
         (
             {"material": {"layers": [{"medium": {"mix": ["a"]}}]}},
             ["medium.mix: expected 2 values"],

@@ -61,7 +61,8 @@ def faults(error: ValidationError, data: Any, most: int) -> tuple[list[Fault], i
 def _fault(place: tuple, problems: list) -> Fault:
     value = problems[0]["input"]
     # a number that is too large is no misspelt name, a list that is too short no misunderstood number
-    bounds = [problem for problem in problems if problem["type"] in BOUNDS or _item_missing(problem)]
+    limits = BOUNDS.keys() - {"literal_error"}
+    bounds = [problem for problem in problems if problem["type"] in limits or _item_missing(problem)]
     if bounds and isinstance(value, int | float | list | tuple):
         problems = bounds
     return Fault(place, problems[0]["type"], _told(problems, place, value))

@@ -30,7 +30,7 @@ def curve(run: Run) -> dict:
     scene, methods = run.scene, run.scene.methods
     means = {name: run.image(name).value.mean((0, 1), keepdim=True) for name in resolve.material_maps(scene)}
     stack = resolve.stack(scene, means)
-    options: dict[str, Any] = {"model": methods.profile, "incidence": methods.incidence}
+    options: dict[str, Any] = {"model": methods.profile, "incidence": methods.arriving}
     check_cancelled(run.cancel)
     profile = RadialProfile(stack, **options)
     radii = {f"{share:g}": profile.radius(share) for share in SHARES}
@@ -53,9 +53,9 @@ def curve(run: Run) -> dict:
         "mean_free_path_mm": _finite(medium.mean_free_path),
         "diffusion_length_mm": _finite(medium.diffusion_length),
         "fit_error": _row(fit_error(fitted, stack, **options)),
-        "monte_carlo": [_rings(one) for one in known(stack, methods.incidence)],
+        "monte_carlo": [_rings(one) for one in known(stack, methods.arriving)],
         "layers": _layers(stack),
-        "methods": {"profile": methods.profile, "incidence": methods.incidence, "terms": methods.terms},
+        "methods": methods.model_dump(include={"profile", "incidence", "terms"}),
     }
 
 

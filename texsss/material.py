@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from texsss.specs import Cosine, Model, NonNegative, Number, Positive, Unit
+from texsss.specs import Cosine, Model, NonNegative, Number, Unit
 
 MOST_PER_MM = 1e6
 """What a medium's coefficients may be [1/mm]: `media.medium.MOST`, before anything is read."""
@@ -81,10 +81,13 @@ class Mix(Model):
 
 
 class LayerSpec(Model):
-    """A medium (a name in `media`, or a preset) and its thickness [mm]; None is infinite (the last only)."""
+    """A medium (a name in `media`, or a preset) and its thickness [mm].
+
+    None is infinite (the last only); 0 is absent, but for the refractive index where light enters.
+    """
 
     medium: str | Mix = "skin1"
-    thickness_mm: Positive | MapValue | None = None
+    thickness_mm: NonNegative | MapValue | None = None
 
     @model_validator(mode="after")
     def _map_means_millimetres(self) -> "LayerSpec":

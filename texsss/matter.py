@@ -144,7 +144,7 @@ class Matter(Ground):
                 points_uv=points.uv(self.source_uv) if stack.varies else None,
                 model=methods.profile,
                 scattering=scattering,
-                incidence=methods.incidence,
+                incidence=methods.arriving,
                 compiled=True,
                 **self.hooks("weights"),
             )
@@ -164,14 +164,14 @@ class Matter(Ground):
             points=len(points),
             model=methods.profile,
             scattering=scattering,
-            incidence=methods.incidence,
+            incidence=methods.arriving,
             compiled=True,
             **self.hooks("weights"),
         )
 
     def _profile_key(self, scattering: str) -> tuple:
         methods = self.scene.methods
-        return self.stack, self.texels_at_rest, self.variances, methods.profile, scattering, methods.incidence
+        return self.stack, self.texels_at_rest, self.variances, methods.profile, scattering, methods.arriving
 
     @cached_property
     def marching(self) -> Literal["none", "uniform", "exact"]:

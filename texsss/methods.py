@@ -1,5 +1,6 @@
 """Which method computes each stage of a scene, and its options."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -85,6 +86,12 @@ class ParallaxSpec(Model):
     layers: Annotated[tuple[InnerLayerSpec, ...], Field(max_length=16)] = ()
 
 
+class AngleSpec(Model):
+    """Light that arrives at one angle from the normal, all around [degrees]."""
+
+    angle_deg: Annotated[Number, Field(ge=0, le=90)]
+
+
 class MethodsSpec(Model):
     """Which method computes each stage; all are named, so that they can be compared.
 
@@ -94,6 +101,7 @@ class MethodsSpec(Model):
     at the texels, without rays or grain; `none` with others, and where a thickness differs between colours.
     With `transmission`, light also comes through from the far side of the object, as much as its
     thickness there lets pass.
+    `incidence`: how light arrives for the profile, the same at all texels; irradiance knows its own angles.
     `interreflection`: how often light that left one part of the object lights others. `angular`: beside a
     march all other light enters and leaves by its angle, not evenly; where the surface curves it first
     scatters beside where it entered, and leaves as steeper light does. Neither with `octree` or `parallax`.
@@ -106,7 +114,7 @@ class MethodsSpec(Model):
     diffusion: Literal["none", "uv", "surface", "octree", "poisson", "parallax"] = "surface"
     rule: Literal["exit", "entry", "geometric-mean"] = "exit"
     terms: Annotated[Count, Field(ge=1, le=32)] = 8
-    incidence: Literal["diffuse", "normal"] = "diffuse"
+    incidence: Literal["diffuse", "normal"] | AngleSpec = "diffuse"
     single_scattering: Literal["auto", "none", "uniform", "exact"] = "auto"
     march_samples: Annotated[Count, Field(ge=1, le=10000)] = 4
     transmission: bool = False
@@ -116,6 +124,12 @@ class MethodsSpec(Model):
     poisson: PoissonSpec = PoissonSpec()
     march: MarchSpec = MarchSpec()
     parallax: ParallaxSpec = ParallaxSpec()
+
+    @property
+    def arriving(self) -> str | float:
+        """`incidence` as profiles take it: a name, or an angle [rad]."""
+        given = self.incidence
+        return math.radians(given.angle_deg) if isinstance(given, AngleSpec) else given
 
     @property
     def marches_unasked(self) -> bool:

@@ -50,6 +50,9 @@ def described(
         bool | None,
         typer.Option("--transmission/--no-transmission", help="Light through thin parts, from the far side."),
     ] = None,
+    incidence: Annotated[
+        str | None, typer.Option(help="How light arrives: diffuse, normal, or degrees from the normal.")
+    ] = None,
     interreflection: Annotated[
         int | None, typer.Option(help="How often light that left one part of the object lights others.")
     ] = None,
@@ -103,6 +106,8 @@ def described(
     put(uv, "atlas", "uv")
     put(diffusion, "methods", "diffusion")
     put(transmission, "methods", "transmission")
+    angle = _number(incidence)
+    put(incidence if angle is None else {"angle_deg": angle}, "methods", "incidence")
     put(interreflection, "methods", "interreflection")
     put(exposure, "output", "exposure_ev")
     put(tonemap, "output", "tonemap")

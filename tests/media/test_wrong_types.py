@@ -10,6 +10,7 @@ CODE = """
 import math
 import torch
 import texsss as tx
+from texsss.profiles.radial import RadialProfile
 from texsss.profiles.weights import weights_for
 
 M, ladder = tx.preset("skin1"), torch.tensor([1.0, 4.0])
@@ -27,6 +28,10 @@ wrong = [
     lambda: tx.Layer(M, torch.tensor(1j)),
     lambda: tx.Medium(1.0, 1.0, 0.0, "1.3"),
     lambda: tx.Medium(1.0, 1.0, 0.0, [1.3, 1.4]),
+    lambda: tx.Medium([True, False, True], 1.0),
+    lambda: tx.Medium(0.1, [[0.5, True]]),
+    lambda: tx.Layer(M, [True]),
+    lambda: RadialProfile(M, model="dipole").evaluate([1.0]),
     lambda: tx.preset(3),
     lambda: tx.mix("skin1", M, 0.5),
     lambda: tx.from_colour(0.5, 1.0, g=torch.tensor([0.1, 0.2])),

@@ -13,6 +13,7 @@ from texsss.media.stack import Layer, Stack
 from texsss.profiles.advice import advice
 from texsss.profiles.burley import Burley, fit_burley
 from texsss.profiles.fit import fit_gaussians
+from texsss.profiles.gaussians import human_skin
 from texsss.profiles.hankel import MODELS, hankel_profiles
 from texsss.profiles.project import variance_ladder
 from texsss.profiles.radial import RadialProfile
@@ -20,6 +21,7 @@ from texsss.profiles.weights import weights_for
 
 S = torch.tensor([0.0, 0.5, 4.0], dtype=torch.float64)
 SKIN = preset("skin1")
+SIX, RADIAL = human_skin(), RadialProfile(SKIN, model="dipole")
 BURLEY = Burley(torch.tensor([0.6]), torch.tensor([0.8]))
 
 
@@ -36,6 +38,15 @@ BURLEY = Burley(torch.tensor([0.6]), torch.tensor([0.8]))
         (lambda: Medium(0.1, 1.0, 0.0, 0.9), "eta >= 1"),
         (lambda: Medium(True, 1.0), "sigma_a.*a number.*got True"),
         (lambda: Layer(SKIN, True), "thickness.*got True"),
+        (lambda: SIX.hankel(torch.tensor([-1.0])), "GaussianSum.hankel.*s >= 0.*got -1"),
+        (lambda: SIX.hankel(torch.tensor([math.nan])), "GaussianSum.hankel.*finite"),
+        (lambda: SIX.evaluate(torch.tensor([math.nan])), "GaussianSum.evaluate.*finite"),
+        (lambda: SIX.radius(2.0), "GaussianSum.radius.*between 0 and 1, got 2"),
+        (lambda: SIX.radius(0.0), "GaussianSum.radius.*between 0 and 1, got 0"),
+        (lambda: RADIAL.hankel(torch.tensor([math.inf])), "RadialProfile.hankel.*finite"),
+        (lambda: RADIAL.evaluate(torch.tensor([-1.0])), "distances > 0, got -1"),
+        (lambda: RADIAL.radius(1.0), "RadialProfile.radius.*between 0 and 1, got 1"),
+        (lambda: RADIAL.radius(math.nan), "RadialProfile.radius.*between 0 and 1, got nan"),
         (lambda: Stack([Layer(SKIN), Layer(SKIN)]), "layer 0 of 2.*only the last"),
         (lambda: BURLEY.evaluate(torch.tensor([0.0, 1.0])), "r > 0.*got 0"),
         (lambda: BURLEY.evaluate(torch.tensor([math.nan])), "r > 0.*got nan"),

@@ -78,7 +78,7 @@ def sensible(draw) -> dict:
     )
     layer = st.fixed_dictionaries(
         {"medium": st.sampled_from(["m", "skin1", "cream"])},
-        optional={"thickness_mm": st.floats(1e-9, 1e9, exclude_min=True)},
+        optional={"thickness_mm": st.floats(0, 1e9)},
     )
     return {
         "media": {"m": draw(medium)},

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
+import numpy as np
 import torch
 
 from texsss.errors import DomainError, ShapeError
@@ -169,12 +170,17 @@ def mix(first: Medium, second: Medium, mask: Coefficient) -> Medium:
 def as_map(name: str, value: Coefficient, dtype: torch.dtype, device: torch.device) -> Tensor:
     """`value` as (1,), (C,), (H, W, 1) or (H, W, C) in `dtype`. Raises ShapeError or DomainError."""
     try:
-        if isinstance(value, bool) or (isinstance(value, Tensor) and value.is_complex()):
+        if _holds_bools(value) or (isinstance(value, Tensor) and value.is_complex()):
             raise TypeError("a real number is meant")
         x = torch.as_tensor(value, dtype=dtype, device=device)
     except (TypeError, ValueError, RuntimeError) as e:
+        came = (
+            "true or false in a list"
+            if isinstance(value, (list, tuple)) and _holds_bools(value)
+            else told(value)
+        )
         raise DomainError(
-            f"{name}: expected a number, a list of numbers or a tensor, got {told(value)}; pass one of these."
+            f"{name}: expected a number, a list of numbers or a tensor, got {came}; pass one of these."
         ) from e
     if x.ndim > 3 or x.numel() == 0:
         raise ShapeError(
@@ -187,6 +193,13 @@ def as_map(name: str, value: Coefficient, dtype: torch.dtype, device: torch.devi
             f"{name}: expected finite values, got NaN or infinity; clean the map or the number."
         )
     return x
+
+
+def _holds_bools(value: Any) -> bool:
+    """Whether `value` is or lists true or false, which a mask as a tensor may hold."""
+    if isinstance(value, (list, tuple)):
+        return any(map(_holds_bools, value))
+    return isinstance(value, (bool, np.bool_))
 
 
 def expect(name: str, value: Any, kinds: type | tuple[type, ...], what: str) -> None:

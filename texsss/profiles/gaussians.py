@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import torch
 
 from texsss.errors import DomainError, ShapeError
-from texsss.media.medium import check_at_least_zero, expect
+from texsss.media.medium import check_at_least_zero, expect, number
+from texsss.profiles.hankel import real_frequencies
 from texsss.types import Float, Tensor
 
 
@@ -39,22 +40,31 @@ class GaussianSum:
     def evaluate(self, r: Float[Tensor, " R"]) -> Float[Tensor, "*B R C"]:
         """R(r) at distances `r` [mm], in 1/mm²; terms of variance 0, all at r = 0, are left out.
 
-        Raises DomainError: for what is no tensor of distances >= 0.
+        Raises DomainError: for what is no tensor of finite distances >= 0.
         """
         expect("GaussianSum.evaluate", r, Tensor, "distances (R,) as a tensor")
         if r.numel():
             check_at_least_zero("GaussianSum.evaluate", r, "mm")
+            if not bool(torch.isfinite(r.detach()).all()):
+                raise DomainError(
+                    "GaussianSum.evaluate: expected finite distances [mm], got NaN or infinity; drop those."
+                )
         wide = self.variances > 0
         v = torch.where(wide, self.variances, torch.ones_like(self.variances))
         basis = torch.exp(-(r[:, None] ** 2) / (2 * v)) / (2 * torch.pi * v) * wide
         return basis @ self.weights
 
     def hankel(self, s: Float[Tensor, " S"]) -> Float[Tensor, "*B S C"]:
-        """R̂(s) at frequencies `s` [1/mm]."""
+        """R̂(s) at frequencies `s` [1/mm]. Raises DomainError: for such as are negative or not finite."""
+        s = real_frequencies("GaussianSum.hankel", s)
         return torch.exp(-(s[:, None] ** 2) * self.variances / 2) @ self.weights
 
     def radius(self, share: float = 0.99) -> Float[Tensor, "*B C"]:
-        """Distance within which `share` of the light comes back [mm]. Not differentiable."""
+        """Distance within which `share` of the light comes back [mm]. Not differentiable.
+
+        Raises DomainError: for shares outside 0..1, which no distance holds.
+        """
+        share = part_of_light("GaussianSum.radius", share)
         low = torch.zeros_like(self.total)
         high = torch.full_like(low, float(self.variances.max().sqrt()) * 12)
         v = torch.where(self.variances > 0, self.variances, torch.full_like(self.variances, 1e-30))[:, None]
@@ -64,6 +74,17 @@ class GaussianSum:
             inside = outside <= (1 - share) * self.total
             low, high = torch.where(inside, low, middle), torch.where(inside, middle, high)
         return high
+
+
+def part_of_light(name: str, share: float) -> float:
+    """A share of the light above 0 and below 1. Raises DomainError: for others."""
+    share = number(name, share)
+    if not 0 < share < 1:
+        raise DomainError(
+            f"{name}: expected a share of the light between 0 and 1, got {share:g}; take .99, as no distance "
+            "holds all of it."
+        )
+    return share
 
 
 # variances [mm²] and weights per RGB of a three-layer skin model

@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from texsss.media.stack import Stack
+from texsss.profiles.incidence import Incidence
 from texsss.types import Float, Tensor
 
 TABLE = Path(__file__).with_name("known.json")
@@ -23,7 +24,7 @@ class Known:
     error: Float[Tensor, " R"]
 
 
-def known(stack: Stack, incidence: str) -> list[Known | None]:
+def known(stack: Stack, incidence: Incidence) -> list[Known | None]:
     """What Monte Carlo says of each channel of a stack; None where it was not asked.
 
     Known are half-spaces of isotropic media with the albedos of the presets: with lengths in mean free
@@ -40,7 +41,7 @@ def known(stack: Stack, incidence: str) -> list[Known | None]:
     return [_found(alpha, float(medium.eta), incidence, per_mm) for per_mm, alpha in rows]
 
 
-def _found(albedo: float, eta: float, incidence: str, per_mm: float) -> Known | None:
+def _found(albedo: float, eta: float, incidence: Incidence, per_mm: float) -> Known | None:
     table = _table()
     for one in table["half_spaces"]:
         near = abs(one["albedo"] - albedo) < SAME and abs(one["eta"] - eta) < SAME

@@ -8,9 +8,11 @@ import scipy  # its parts are loaded where they are first used
 import torch
 
 from texsss.errors import DomainError
+from texsss.media.medium import expect
 from texsss.numerics.hankel import inverse_hankel, within
 from texsss.profiles.bands import extinction
-from texsss.profiles.hankel import Material, as_table, flat_profile
+from texsss.profiles.gaussians import part_of_light
+from texsss.profiles.hankel import Material, as_table, flat_profile, real_frequencies
 from texsss.profiles.incidence import Incidence
 from texsss.types import Float, Tensor
 
@@ -60,17 +62,31 @@ class RadialProfile:
         return scipy.interpolate.CubicSpline(s.log().numpy(), R.numpy())
 
     def hankel(self, s: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
-        """R̂(s) or T̂(s), `s` > 0 [1/mm]; beyond what was sampled as 1/s, as single scattering."""
+        """R̂(s) or T̂(s), `s` >= 0 [1/mm]; beyond what was sampled as 1/s, as single scattering.
+
+        Raises DomainError: for frequencies that are negative or not finite.
+        """
+        return self._at(real_frequencies("RadialProfile.hankel", s))
+
+    def _at(self, s: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
         low, high = self._ends
         R = torch.from_numpy(self._spline(s.clamp(low, high).log().numpy()))
         return R * (high / s.clamp_min(high))[:, None]
 
     def evaluate(self, r: Float[Tensor, " R"]) -> Float[Tensor, "R C"]:
-        """R(r) or T(r) at distances `r` > 0 [mm], in 1/mm²."""
-        return inverse_hankel(self.hankel, r)
+        """R(r) or T(r) at distances `r` > 0 [mm], in 1/mm².
+
+        Raises DomainError: for what is no tensor of finite distances > 0.
+        """
+        expect("RadialProfile.evaluate", r, Tensor, "distances (R,) as a tensor")
+        return inverse_hankel(self._at, r)
 
     def radius(self, share: float = 0.99) -> Float[Tensor, " C"]:
-        """Distance within which `share` of this light leaves [mm]; 0 where none does."""
+        """Distance within which `share` of this light leaves [mm]; 0 where none does.
+
+        Raises DomainError: for shares outside 0..1, which no distance holds.
+        """
+        share = part_of_light("RadialProfile.radius", share)
         logarithm, within_them = self._cumulated
         wanted = share * self.total.numpy()
         found = [np.interp(one, inside, logarithm) for one, inside in zip(wanted, within_them.T, strict=True)]
@@ -81,7 +97,7 @@ class RadialProfile:
         """Logarithms of radii, and the light within them (·, C), which never falls."""
         nearest, farthest = np.log(NEAREST * self._path), np.log(FARTHEST * self._path)
         coarse = np.linspace(nearest, farthest, RADII)
-        inside = within(self.hankel, torch.from_numpy(np.exp(coarse))).numpy()
+        inside = within(self._at, torch.from_numpy(np.exp(coarse))).numpy()
         fine = np.linspace(nearest, farthest, FINE * RADII)
         smooth = scipy.interpolate.CubicSpline(coarse, inside)(fine)
         return fine, np.maximum.accumulate(smooth)

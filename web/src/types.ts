@@ -89,7 +89,7 @@ export interface Methods {
   diffusion: "none" | "uv" | "surface" | "octree" | "poisson" | "parallax";
   rule: "exit" | "entry" | "geometric-mean";
   terms: number;
-  incidence: "diffuse" | "normal";
+  incidence: "diffuse" | "normal" | { angle_deg: number };
   single_scattering: "auto" | "none" | "uniform" | "exact";
   march_samples: number;
   transmission?: boolean;
