@@ -67,6 +67,19 @@ def test_phone(visit):
     np.testing.assert_allclose(pose(page)["position_mm"], stood["position_mm"], rtol=1e-3)
 
 
+def test_the_hint_lies_beside_the_badge_or_nowhere(visit):
+    """However long the badge is: what marched takes most room."""
+    page = visit()
+    page.evaluate(
+        "document.querySelector('#badge').textContent = '1024² · 12345 ms 1024 × 1024 marched in 12.3 s'"
+    )
+    for width in (1024, 1241, 1440):
+        page.set_viewport_size({"width": width, "height": 400})
+        badge, hint = (page.locator(name).bounding_box() for name in ("#badge", "#hint"))
+        assert hint is None or badge["x"] + badge["width"] < hint["x"], width
+    assert hint is not None, "on a wide window it shows"
+
+
 def test_the_object_stays_in_view_when_a_phone_is_turned(visit):
     page = visit(viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True)
     upright, margin = pose(page), edges(page)
