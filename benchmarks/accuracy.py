@@ -231,8 +231,13 @@ Light that is hardly deflected but once leaves near where it entered: it is coun
 once, in a medium that scatters less (`texsss/profiles/nearly.py`). On 48 random stacks beside those of the
 table, twelve of g .3, .6, .8 and .9 each, one to four layers, eta 1 to 1.6, the radial error of R̂(s) at
 normal incidence is .06, .10, .09 and .16 on average, by g; .07, .17, .24 and .29 if all that scatters again
-spreads alike. Under diffuse light it is .21, .23, .14 and .20 (.19, .22, .16 and .24), much of it of light
-that scattered once: that it came in aslant is left out.
+spreads alike. Under diffuse light it is .08, .15, .11 and .17.
+
+Diffuse light is displaced on its way in, too, before it scatters. For light that scatters once both ways
+count together, at one azimuth between them for every pair of cosines (`texsss/profiles/single.py`); left out,
+the radial error under diffuse light would be .22 on average and .52 at worst in the isotropic stacks, almost
+all of it single scattering. What scatters again remembers little of that, but under films
+(`texsss/profiles/films.py`). In light that gets through, the way in is left out.
 
 In thin slabs whose faces mirror totally light is everywhere alike, and what scatters again and what leaves
 is known ray by ray (`texsss/profiles/even.py`); the two modes take over as slabs become thick, or their

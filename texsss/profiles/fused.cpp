@@ -94,14 +94,14 @@ struct Solver {
       diffusion.prepare(seen, falling, endless);
       return;
     }
-    reduced.prepare(seen, falling, endless, asked.exits[h.below], false);
+    reduced.prepare(seen, falling, endless, asked.exits[h.below], false, !h.below);
     if (BEAMS > 1) ways.find(layers, false, !endless);
     passed = all(1);
     if (h.deflected && (!h.below || !h.twice)) prepare_truly();
     if (h.marched) {
       const Layers& seen = h.deflected ? unreduced : layers;
       light_in(seen, endless, asked.level, level);
-      marched.prepare(seen, level, endless, asked.straight, h.deflected, false);
+      marched.prepare(seen, level, endless, asked.straight, h.deflected, true, false);
     }
     if (!h.twice) return;
     for (int i = 0; i < h.sets; i++) prepare(sweeps[i], seen, falling, h.below, i);
@@ -135,7 +135,7 @@ struct Solver {
       const Lights light = unreduced_lights;
       turned(from, light, unreduced, unreduced_lights);
     }
-    truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true);
+    truly.prepare(unreduced, unreduced_lights, endless, asked.exits[h.below], true, !h.below);
   }
 
   // nearly.py
@@ -146,7 +146,7 @@ struct Solver {
       layer.sigma_s -= less, layer.sigma -= less, layer.g = (layer.g - straight) * inverse(1 - straight);
     }
     light_in(peaked, endless, asked.directions, peaked_lights, asked.finer);
-    nearly.prepare(peaked, peaked_lights, endless, asked.exits[0], true);
+    nearly.prepare(peaked, peaked_lights, endless, asked.exits[0], true, true);
   }
 
   static Sweep::Orders by_modes(const std::vector<Sweep>& sweeps, float s) {
@@ -162,10 +162,10 @@ struct Solver {
     return mirroring && even.thin ? twice * even.rest + even.at(s) : twice;
   }
 
-  // What scatters again, of which `once` does only once
-  V scattered_more(V once, float s) const {
+  // What scatters again, of which `once` does only once, and `entered` through films
+  V scattered_more(V once, V entered, float s) const {
     const Sweep::Orders found = by_modes(sweeps, s);
-    return and_evenly(led_out(found.twice, found.once, scale * once), even, s);
+    return and_evenly(led_out(entered * found.twice, entered * found.once, scale * once), even, s);
   }
 
   // led_out.py: by how much it knows the way out of layers that scatter forwards, and what leaves
@@ -230,12 +230,12 @@ struct Solver {
       total = h.once ? nearly.at(s) : nearly.at(s) - truly.at(s);
     else if (h.once)
       total = unlike ? truly.at(s) : once;
-    if (h.twice) total += factor * scattered_more(once, s);
+    const bool films = BEAMS > 1 && h.layers > 1;
+    const Fading& entering = asked.fadings[0].leaving;
+    if (h.twice) total += factor * scattered_more(once, films && !h.below ? ways.there_and_back(entering, s) : all(1), s);
     total *= passed;
     if (h.marched) total -= marched.at(s);
-    if (BEAMS == 1 || h.layers == 1) return total;
-    const Fading& entering = asked.fadings[0].leaving;
-    return total * (h.below ? ways.one_way(entering, s) : ways.there_and_back(entering, s));
+    return films && h.below ? total * ways.one_way(entering, s) : total;
   }
 };
 

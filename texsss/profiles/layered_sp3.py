@@ -50,7 +50,10 @@ class Multiple(NamedTuple):
 
 
 class Entrance(NamedTuple):
-    """How light from all around gets to where it first scatters: as it leaves."""
+    """How light from all around gets through films to where it first scatters: as it leaves.
+
+    Of light that comes back after one scattering `single` knows that itself.
+    """
 
     ways: tuple[Way, ...]
     fading: Fading
@@ -109,11 +112,13 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
     `unreduced`: the layers with their true coefficients, where single scattering has these; else None.
     """
     lights = light_in(layers, directions)
-    once = reduced = single.prepare(*from_side(side, layers, lights), None)
+    spread = len(directions) > 1  # from one side it would come from another place, not spread
+    around = spread and side == "reflectance"
+    once = reduced = single.prepare(*from_side(side, layers, lights), None, around)
     if unreduced is not None and scattering in ("single", "multiple"):
-        once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase)
+        once = single.prepare(*from_side(side, unreduced, light_in(unreduced, directions)), phase, around)
     entrance = None
-    if len(directions) > 1 and len(layers) > 1:  # from one side it would come from another place, not spread
+    if spread and len(layers) > 1:
         entrance = Entrance(ways(layers), leaving(layers[0].eta), side == "reflectance")
     if scattering == "single":
         return Prepared(once, (), None, None, (), entrance)
@@ -129,7 +134,7 @@ def prepare(layers, directions, side, scattering, phase, unreduced):
         handed = lacking(layers, directions, side)
         if side == "reflectance":
             near = peaked(unreduced, directions)
-            less, once = once, single.prepare(near, light_in(near, directions), phase)
+            less, once = once, single.prepare(near, light_in(near, directions), phase, around)
             handed = handed + first - scattered_once(once, zero)
             # narrow light can be more than there is
             factor = factor * (1 + handed / (whole + 1e-20)).clamp_min(0)
@@ -151,26 +156,30 @@ def spectrum(prepared, s):
     terms = [scattered_once(prepared.once, s)] if prepared.once else []
     if prepared.more is not None:
         first = scattered_once(prepared.reduced, s) if prepared.reduced else terms[0]
-        terms.append(_scattered_more(prepared.more, s, first))
+        back = prepared.entrance is not None and prepared.entrance.back
+        entered = prepared.entrance.times(s) if back else 1.0
+        terms.append(_scattered_more(prepared.more, s, first, entered))
     total = added(terms)
     if prepared.passed is not None:
         total = total * prepared.passed
     if prepared.less:
         total = total - scattered_once(prepared.less, s)
-    return total if prepared.entrance is None else total * prepared.entrance.times(s)
+    if prepared.entrance is not None and not prepared.entrance.back:
+        total = total * prepared.entrance.times(s)
+    return total
 
 
 @no_type_check
 def _marched(layers, phase, directions):
     """Light scattered once as the march sees it: through one refractive index, and no face mirrors it."""
     level = [layer._replace(eta=layers[0].eta) for layer in layers]
-    return single.prepare(level, light_in(level, directions, mirrored=False), phase)
+    return single.prepare(level, light_in(level, directions, mirrored=False), phase, len(directions) > 1)
 
 
 @no_type_check
-def _scattered_more(more, s, first):
-    """`first`: what leaves after one scattering (S, N), of reduced coefficients."""
-    twice, own = _by_modes(more, s)
+def _scattered_more(more, s, first, entered):
+    """`first`: what leaves after one scattering (S, N), of reduced coefficients; `entered`: of films, or 1."""
+    twice, own = (entered * order for order in _by_modes(more, s))
     return _and_evenly(more, led_out(twice, own, more.scale * first, more.most), s)
 
 

@@ -11,7 +11,7 @@ constexpr double PI = 3.14159265358979323846;
 
 // The way out at one cosine through one layer, from either side: numbers
 struct Way {
-  float cosine, slant, drift, per_drift, part;
+  float cosine, slant, drift, part;
 };
 // One cosine of light that leaves by the near face
 struct Exit {
@@ -31,7 +31,7 @@ static std::vector<Way> way_through(double mu, const std::vector<double>& etas) 
   for (double eta : etas) {
     double cosine = refracted(mu, etas[0], eta), squared = 1 / (cosine * cosine) - 1;
     double drift = squared > 1e-12 ? std::sqrt(squared) : 1e-6;
-    way.push_back({float(cosine), float(1 / cosine), float(drift), float(1 / drift), float(spread(mu, etas[0], cosine, eta))});
+    way.push_back({float(cosine), float(1 / cosine), float(drift), float(spread(mu, etas[0], cosine, eta))});
   }
   return way;
 }
@@ -66,6 +66,18 @@ static V deflection(float first, float second, V g) {
   return total * (1 - g * g) * float(1.0 / AZIMUTHS);
 }
 
+// AZIMUTHS: cos φ between the ways in and out of a direction of light from all around, and an exit
+static float azimuth(int beam, int exit) {
+  static const float cosines[] = {0.923879533f, 0.382683432f, -0.382683432f, -0.923879533f};
+  static const int two[2][4] = {{1, 2, 0, 3}, {2, 1, 3, 0}}, three[3][4] = {{2, 3, 1, 0}, {1, 2, 0, 3}, {0, 1, 3, 2}};
+  return cosines[BEAMS == 2 ? two[beam][exit] : three[beam][exit]];
+}
+static float displaced(float out, float into, float turn) {
+  float squared = 1 / (out * out) - 1, there = 1 / (into * into) - 1;
+  squared += there + 2 * turn * std::sqrt(std::max(squared * there, 0.f));
+  return std::sqrt(std::max(squared, 1e-12f));
+}
+
 struct Shaft {
   V squared, slant, start, end;
 };
@@ -83,70 +95,84 @@ struct Leg {
 struct Once {
   int L;
   bool slab, endless, steep;  // whether a bottom mirrors, whether there is none, and whether some layer is STEEP
+  bool around;                // whether the lights are one from all around: each goes ways of its own
   const std::vector<Exit>* exits;
-  std::vector<Leg> legs;  // (exits, 2, L): by the near face, and by the far one
+  std::vector<Leg> legs;  // (exits, lights if they come from all around, 2, L): by the near face, and by the far one
   Layers back;
   Lights behind;
 
   // `deflected`: by Henyey and Greenstein, with true coefficients; else isotropic
   void prepare(const Layers& layers, const Lights& lights, bool no_end, const std::vector<Exit>& given, bool deflected,
-               bool mirrored = true) {
+               bool from_around, bool mirrored = true) {
     L = int(layers.size()), endless = no_end, slab = mirrored && !endless, steep = false, exits = &given;
-    legs.resize(given.size() * 2 * L);
+    around = BEAMS > 1 && from_around;
+    legs.resize(given.size() * (around ? BEAMS : 1) * 2 * L);
     if (slab) turned(layers, lights, back, behind);
     Leg* out = legs.data();
-    for (const Exit& exit : given) {
-      leads_out(layers, lights, exit.near.data(), exit.weight, deflected, out);
-      if (slab) leads_out(back, behind, exit.far.data(), exit.there, deflected, out + L);
-      out += 2 * L;
-    }
+    for (size_t i = 0; i < given.size(); i++)
+      for (int beam = 0; beam < (around ? BEAMS : 1); beam++, out += 2 * L) {
+        const Exit& exit = given[i];
+        const float turn = around ? azimuth(beam, int(i)) : 0;
+        leads_out(layers, lights, exit.near.data(), exit.weight, deflected, beam, turn, out);
+        if (slab) leads_out(back, behind, exit.far.data(), exit.there, deflected, beam, turn, out + L);
+      }
   }
 
-  void leads_out(const Layers& layers, const Lights& lights, const Way* way, float weight, bool deflected, Leg* out) {
+  // of all lights, or of the one that is the `first`
+  void leads_out(const Layers& layers, const Lights& lights, const Way* way, float weight, bool deflected, int first,
+                 float turn, Leg* out) {
+    const int count = around ? 1 : BEAMS;
     V above[BEAMS], aside = {};
-    for (int j = 0; j < BEAMS; j++) above[j] = lights[j].down * weight;
+    for (int j = 0; j < count; j++) above[j] = lights[first + j].down * weight;
     for (int k = 0; k < L; k++, way++) {
       const Layer& layer = layers[k];
       Leg& leg = out[k];
-      leg.drift = way->drift, leg.endless = endless && k == L - 1;
+      leg.drift = around ? displaced(way->cosine, lights[k * BEAMS + first].cosine, turn) : way->drift;
+      const float per_drift = 1 / leg.drift;
+      leg.endless = endless && k == L - 1;
       leg.d = layer.d, leg.escape = layer.sigma * way->slant;
       steep = steep || some(layer.sigma * aside > STEEP * leg.drift);
       if (!leg.endless) aside += layer.d * leg.drift;
       leg.aside = aside, leg.over = V{};
       V starts = {};
-      for (int j = 0; j < BEAMS; j++) {
-        const Light& light = lights[k * BEAMS + j];
+      for (int j = 0; j < count; j++) {
+        const Light& light = lights[k * BEAMS + first + j];
         Shaft& shaft = leg.shafts[j];
         V a = light.sigma + leg.escape, source = light.source * way->part;
-        shaft.squared = a * a, shaft.slant = a * way->per_drift;
+        shaft.squared = a * a, shaft.slant = a * per_drift;
         V turned_back = deflected ? source * deflection(light.cosine, -way->cosine, layer.g) : source;
         shaft.start = turned_back * above[j];
         starts += shaft.start;
         if (leg.endless) continue;
         above[j] *= faded(a * layer.d);
         shaft.end = turned_back * above[j];
-        leg.over += shaft.end * way->per_drift;
+        leg.over += shaft.end * per_drift;
         if (!slab) continue;
         V onwards = deflected ? source * deflection(light.cosine, way->cosine, layer.g) : source;
         leg.bounced[j] = {light.tau, light.beam, onwards * weight * layer.d * light.up};
       }
-      if (k > 0) out[k - 1].over -= starts * way->per_drift;
+      if (k > 0) out[k - 1].over -= starts * per_drift;
     }
   }
 
   V at(float s) const {
     s = s > 1e-12f ? s : 1e-12f;
+    return around ? all_ways<1>(s) : all_ways<BEAMS>(s);
+  }
+
+  template <int COUNT>
+  V all_ways(float s) const {
     V total = {};
     const Leg* near = legs.data();
-    for (const Exit& exit : *exits) {
-      if (slab) {
-        total += steep ? joined(exit, leaving<true, true>(near, s), leaving<true, true>(near + L, s))
-                       : joined(exit, leaving<true, false>(near, s), leaving<true, false>(near + L, s));
-      } else {
-        total += (steep ? leaving<false, true>(near, s) : leaving<false, false>(near, s)).light;
+    for (const Exit& exit : *exits)
+      for (int group = 0; group < BEAMS / COUNT; group++, near += 2 * L) {
+        if (slab) {
+          total += steep ? joined(exit, leaving<true, true, COUNT>(near, s), leaving<true, true, COUNT>(near + L, s))
+                         : joined(exit, leaving<true, false, COUNT>(near, s), leaving<true, false, COUNT>(near + L, s));
+        } else {
+          total += (steep ? leaving<false, true, COUNT>(near, s) : leaving<false, false, COUNT>(near, s)).light;
+        }
       }
-      near += 2 * L;
-    }
     return total;
   }
 
@@ -160,7 +186,7 @@ struct Once {
   }
 
   // CAREFUL: (a / √(a² + b²) - 1) / drift without the difference, where it counts
-  template <bool SLAB, bool CAREFUL>
+  template <bool SLAB, bool CAREFUL, int COUNT>
   Left leaving(const Leg* legs, float s) const {
     V total = {}, wave = {}, area = {}, through = all(1), shift = {};
     const float per_turn = 1 / (TURN * s);
@@ -179,7 +205,7 @@ struct Once {
         wave = cosine + (s * DAMPING) * area;
         if (!CAREFUL) total += leg.over * area;
       }
-      for (int j = 0; j < BEAMS; j++) {
+      for (int j = 0; j < COUNT; j++) {
         const Shaft& shaft = leg.shafts[j];
         if (CAREFUL) {
           V root = inverse_root(shaft.squared + b2), straight = k ? shaft.start * first : shaft.start;
@@ -196,7 +222,7 @@ struct Once {
       if (!SLAB) continue;
       V wide = root(leg.escape * leg.escape + b2);
       V m = (leg.escape + shift * (wide - leg.escape)) * leg.d, passed = faded(m);
-      for (int j = 0; j < BEAMS; j++) {
+      for (int j = 0; j < COUNT; j++) {
         const Bounced& ray = leg.bounced[j];
         total += ray.strength * through * overlap(passed, ray.beam, ray.tau - m);
       }

@@ -11,7 +11,7 @@ from texsss.types import Float, Tensor
 
 NARROWEST_TEXELS = 0.6  # std of the narrowest positive Gaussian [texels]; below it a texel cannot tell
 WIDEST_SHARE = 0.035  # std of the widest [extents] on large objects
-WIDEST_MM = 13.0  # ... and on small ones, which holds what chicken and potato spread; less with few terms,
+WIDEST_MM = 14.0  # ... and on small ones, which holds what chicken and potato spread; less with few terms,
 ENOUGH = 8  # ... as fewer than these would stand too far apart
 WIDEST_SMALL = 0.2  # ... and never more than this share of the extent
 GROWTH = 1.3  # longest step / shortest, on a logarithmic axis: .2 to .7 of the error of even steps
@@ -23,7 +23,7 @@ def variance_ladder(texel_mm: float, extent_mm: float, terms: int = 8) -> Float[
     """Variances [mm²] of the Gaussians that serve every material on a texture, ascending, float64.
 
     0 first, for light that comes out within its texel; then deviations from .6 texels to 3.5 % of the
-    object's extent, in steps that grow outwards. On small objects they reach to 13 mm, less in proportion
+    object's extent, in steps that grow outwards. On small objects they reach to 14 mm, less in proportion
     where terms are fewer than 8, and at most a fifth of the extent. It depends on geometry alone, so that
     blurred lightmaps outlive the material.
     Raises DomainError: for sizes not above zero, or no terms.

@@ -2,8 +2,10 @@
 
 Light that leaves at cosine μ inside is displaced by ν = √(1/μ² - 1) per depth, so that the Hankel
 transform of what comes from depth z is J0(s ν z). Cosines are integrated by Gauss quadrature whose
-weight is the share that the surface lets out. Exact in half-spaces but for the quadrature; where layers
-end, the integral of J0 from there on is a damped oscillation that matches its value and slope.
+weight is the share that the surface lets out. Light from all around is displaced on its way in, too: by both
+ways together √(ν² + ν'² + 2 ν ν' cos φ) per depth, at an azimuth φ between them that is another for every
+pair of cosines. Exact in half-spaces but for the quadrature; where layers end, the integral of J0 from there
+on is a damped oscillation that matches its value and slope.
 """
 
 import math
@@ -20,6 +22,17 @@ from texsss.profiles.slab import FAR, added, flipped, mirrors, refracted
 from texsss.types import Tensor
 
 NODES = 4
+# cos φ per cosine out, by direction in, where these are two or three: four angles, each once per direction.
+# Of all orders these meet ∫ e^(-az) J0(bz) J0(cz) dz = 1 / agm(√(a² + (b + c)²), √(a² + (b - c)²)) best, in
+# the metric of d'Eon et al. 2007 to .9 % of R̂1 at eta 1.2 to 1.5 and 2.6 % at 1 to 1.1
+_COSINES = [math.cos((k + 0.5) * math.pi / NODES) for k in range(NODES)]
+AZIMUTHS = {
+    count: [[_COSINES[k] for k in order] for order in orders]
+    for count, orders in (
+        (2, ((1, 2, 0, 3), (2, 1, 3, 0))),
+        (3, ((2, 3, 1, 0), (1, 2, 0, 3), (0, 1, 3, 2))),
+    )
+}
 # 1 - ∫_0^x J0 and J0 itself as damped oscillations, whose integral is 1 like that of J0: R̂1 beneath clear
 # films is within .02 of R̂(0) for a beam
 _DAMPING = 0.45
@@ -60,7 +73,10 @@ class Leg(NamedTuple):
 
 
 class Node(NamedTuple):
-    """One cosine of light that leaves: the ways out by the near face, and by the far one to be mirrored."""
+    """One cosine of light that leaves, and one or all of light that enters.
+
+    The ways out by the near face, and by the far one to be mirrored.
+    """
 
     near: tuple[Leg, ...]
     far: tuple[Leg, ...] | None
@@ -69,35 +85,55 @@ class Node(NamedTuple):
 
 
 @no_type_check
-def prepare(layers, lights, phase):
+def prepare(layers, lights, phase, around=False):
     """All of the light that leaves by the first of `layers` that does not depend on the frequency.
 
     `phase` None: isotropic; else one of PHASES with the layers' g, and these have true coefficients.
-    A free bottom mirrors the beam and the light on its way out, unless `lights` are not mirrored.
-    Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
+    `around`: whether the lights are one that comes in from all around, by this face; else where they come in
+    aslant is left out. A free bottom mirrors the beam and the light on its way out, unless `lights` are not
+    mirrored. Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
     """
     nodes = []
-    for mu, weight, mirrored, again in exits(layers[0].eta, layers[-1].eta):
+    for i, (mu, weight, mirrored, again) in enumerate(exits(layers[0].eta, layers[-1].eta)):
         cosines = [refracted(mu, layers[0].eta, layer.eta) for layer in layers]
-        near, far = _legs(layers, lights, cosines, phase, weight / 2), None
-        if lights[0][0].up is not None:
-            # what is per cosine at the far face, per cosine at the near one: one pencil of light
-            share = weight / 2 * _spread(mu, layers[0].eta, cosines[-1], layers[-1].eta)
-            far = _legs(layers[::-1], flipped(lights), cosines[::-1], phase, share)
-        number = layers[0].sigma.new_full
-        nodes.append(Node(near, far, number((), mirrored), number((), again)))
+        for beams, turn in _groups(lights, i, around):
+            near, far = _legs(layers, beams, cosines, phase, weight / 2, turn), None
+            if lights[0][0].up is not None:
+                # what is per cosine at the far face, per cosine at the near one: one pencil of light
+                share = weight / 2 * _spread(mu, layers[0].eta, cosines[-1], layers[-1].eta)
+                far = _legs(layers[::-1], flipped(beams), cosines[::-1], phase, share, turn)
+            number = layers[0].sigma.new_full
+            nodes.append(Node(near, far, number((), mirrored), number((), again)))
     return tuple(nodes)
 
 
 @no_type_check
-def _legs(layers, lights, cosines, phase, weight):
+def _groups(lights, way_out, around):
+    """Lights that are displaced alike, and cos φ of their way in to the way out; None: not displaced."""
+    if not around:
+        return [(lights, None)]
+    turns = AZIMUTHS[len(lights[0])]
+    return [([[beams[i]] for beams in lights], turn[way_out]) for i, turn in enumerate(turns)]
+
+
+def displaced(out: float, into: float, turn: float | None) -> float:
+    """Sideways per depth of light that leaves at cosine `out` and came at `into`, unless that is left out."""
+    squared = 1 / out**2 - 1
+    if turn is not None:
+        there = 1 / into**2 - 1
+        squared += there + 2 * turn * max(squared * there, 0) ** 0.5
+    return max(squared, LEAST_DRIFT**2) ** 0.5
+
+
+@no_type_check
+def _legs(layers, lights, cosines, phase, weight, turn):
     """Ways out at `cosines` by the face of the first layer, per cosine there."""
     mirrored = lights[0][0].up is not None
     above = [light.down * weight for light in lights[0]]  # beam down times light up, to s = 0
     aside = torch.zeros_like(layers[0].sigma)
     legs = []
     for layer, beams, cosine in zip(layers, lights, cosines):
-        drift = max(1 / cosine**2 - 1, LEAST_DRIFT**2) ** 0.5
+        drift = displaced(cosine, beams[0].cosine, turn)
         spread = _spread(cosines[0], layers[0].eta, cosine, layer.eta)
         escape = layer.sigma / cosine
         if layer.d is not None:
