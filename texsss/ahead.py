@@ -1,6 +1,8 @@
 """The compiled loops that most bakes need, built while everything else is loaded."""
 
+import atexit
 import hashlib
+import signal
 import subprocess
 import sys
 import threading
@@ -73,6 +75,12 @@ class Ahead:
             command = [sys.executable, "-c", RECORDS, str(HERE.parent)]
             written(known, run(command, folder, self._ended.is_set).decode())
         return known.read_text()
+
+
+def build_until_exit() -> None:
+    """Starts what a bake will need while the rest is loaded; the compiler ends with the process."""
+    signal.signal(signal.SIGTERM, leave)
+    atexit.register(Ahead().start().stop)
 
 
 def leave(*_: object) -> None:

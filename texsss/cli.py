@@ -1,9 +1,6 @@
 """The command line: `texsss bake`, `render`, `compare`, `map`, `inspect`, `profile`, `serve` …"""
 
-import atexit
 import json
-import re
-import signal
 import sys
 import time
 from importlib.metadata import version
@@ -13,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from texsss import gallery, openmp  # noqa: F401 - before torch
-from texsss.ahead import Ahead, leave
-from texsss.errors import TexsssError
+from texsss.ahead import Ahead, build_until_exit
 from texsss.options import takes_scene
 from texsss.scene import Scene
 from texsss.terminal import (
-    EXIT_INTERRUPTED,
     image_name,
+    mistakes_told,
     noted_warnings,
     say,
     show_table,
@@ -37,8 +33,6 @@ app = typer.Typer(
 )
 scene_app = typer.Typer(help="Scene files.")
 app.add_typer(scene_app, name="scene")
-
-EXIT_BAD_INPUT = 2
 
 
 def _say_version(asked: bool) -> bool:
@@ -69,7 +63,7 @@ def bake(
     """Bakes scattered light into textures, a GLB and a preview."""
     writable(out)
     if not dry_run:
-        _build_ahead()
+        build_until_exit()
     from texsss.baker import Baker, lasting_shelf  # torch takes its time: not for --help
 
     baker = Baker(shelf=lasting_shelf(), sandbox=sandbox)
@@ -94,7 +88,7 @@ def render(
 ) -> None:
     """Renders the picture of a scene alone."""
     image_name(out)
-    _build_ahead()
+    build_until_exit()
     from texsss.baker import Baker, lasting_shelf
 
     with shown_progress() as progress:
@@ -149,7 +143,7 @@ def compare(
 ) -> None:
     """Bakes a scene by several methods: pictures side by side, differences, errors and seconds."""
     writable(out)
-    _build_ahead()
+    build_until_exit()
     from texsss.baker import Baker
     from texsss.compare import DEFAULT
     from texsss.compare import compare as compared
@@ -297,29 +291,9 @@ def scene_list() -> None:
     show_table("Scenes", {name: gallery.scene(name).summary for name in gallery.names()})
 
 
-def _build_ahead() -> None:
-    """Starts what a bake will need while the rest is loaded; the compiler ends with the process."""
-    signal.signal(signal.SIGTERM, leave)
-    atexit.register(Ahead().start().stop)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line and exits; a user's mistake is one sentence and exit code 2."""
-    try:
-        given = sys.argv[1:] if arguments is None else arguments
-        with noted_warnings():
-            code = app(args=given or ["--help"], standalone_mode=False)
-    except TexsssError as error:
-        say("error", "red", str(error))
-        sys.exit(EXIT_BAD_INPUT)
-    except MemoryError:
-        say("error", "red", "Memory: this does not fit; take a smaller atlas (--size), or decimate the mesh.")
-        sys.exit(EXIT_BAD_INPUT)
-    except typer.TyperException as error:  # an option or a command that is not understood
-        said = " ".join(error.format_message().split()).rstrip(".?")
-        said = re.sub(r"Input should be a valid (\w+), unable .*", r"expected it to be of the type \1", said)
-        say("error", "red", f"{said}; --help after the command lists what it takes.")
-        sys.exit(EXIT_BAD_INPUT)
-    except typer.Abort:
-        sys.exit(EXIT_INTERRUPTED)
+    given = sys.argv[1:] if arguments is None else arguments
+    with mistakes_told(), noted_warnings():
+        code = app(args=given or ["--help"], standalone_mode=False)
     sys.exit(code or 0)

@@ -1,6 +1,8 @@
-"""What the command line shows, and checks of where it may write."""
+"""What the command line shows, how it ends, and checks of where it may write."""
 
 import os
+import re
+import sys
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +13,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
-from texsss.errors import AssetError
+from texsss.errors import AssetError, TexsssError
 
+EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 OURS = "texsss: "  # how warnings of the project begin
@@ -23,6 +26,27 @@ console = Console(stderr=True)
 def say(kind: str, colour: str, sentence: str) -> None:
     """A sentence to the user, word for word: file names may look like markup."""
     console.print(Text.assemble((kind, colour), " ", sentence), soft_wrap=True)
+
+
+@contextmanager
+def mistakes_told():
+    """Ends the process where a user's mistake ends a command: one sentence, and exit code 2."""
+    try:
+        yield
+    except typer.Abort:
+        sys.exit(EXIT_INTERRUPTED)
+    except TexsssError as error:
+        said = str(error)
+    except MemoryError:
+        said = "Memory: this does not fit; take a smaller atlas (--size), or decimate the mesh."
+    except typer.TyperException as error:  # an option or a command that is not understood
+        said = " ".join(error.format_message().split()).rstrip(".?")
+        said = re.sub(r"Input should be a valid (\w+), unable .*", r"expected it to be of the type \1", said)
+        said = f"{said}; --help after the command lists what it takes."
+    else:
+        return
+    say("error", "red", said)
+    sys.exit(EXIT_BAD_INPUT)
 
 
 @contextmanager
