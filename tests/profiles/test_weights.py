@@ -216,6 +216,25 @@ def test_weights_are_differentiable_in_maps(model):
     assert torch.autograd.gradcheck(table, inputs, fast_mode=True)
 
 
+def test_a_white_half_space_can_be_darkened_from_exactly_0():
+    """Adam reaches a total of .7 in 100 steps; a first derivative of 1e12 would have stopped it for good."""
+    ladder = variance_ladder(0.5, 100.0, 3)
+    sigma_a = torch.zeros(1, dtype=torch.float64, requires_grad=True)
+    search = torch.optim.Adam([sigma_a], lr=0.01)
+    for step in range(100):
+        medium = Medium(sigma_a, 1.0)
+        total = weights_for(medium, ladder, points=1, dtype=torch.float64, nodes=3, channels=1).total
+        if step == 0:
+            torch.testing.assert_close(total, torch.ones_like(total), rtol=1e-6, atol=0)
+            (slope,) = torch.autograd.grad(fit_gaussians(medium).total.sum(), sigma_a)
+            assert -1e3 < float(slope) < -100
+        search.zero_grad()
+        (total - 0.7).square().sum().backward()
+        search.step()
+        sigma_a.data.clamp_min_(0)
+    assert float(total.detach()) == pytest.approx(0.7, abs=0.02)
+
+
 def test_weights_stop_when_asked():
     with pytest.raises(Cancelled):
         weights_for(preset("skin1"), variance_ladder(0.5, 100.0), cancel=lambda: True)

@@ -7,7 +7,7 @@ import torch
 
 from texsss.media.stack import LayerTable
 from texsss.numerics.quadrature import graded
-from texsss.profiles.hankel import flat_profile, unflattened
+from texsss.profiles.hankel import tame_profile, unflattened
 from texsss.types import Float, Int, Tensor
 
 PATHS = 20  # highest frequency times mean free path
@@ -66,7 +66,7 @@ def bands(
         rows = (octave == one).nonzero()[:, 0]
         s, ds = graded(count, float(reach[rows].max()), grading=GRADING)
         part = flat.rows(rows)
-        sampled = unflattened(flat_profile(part, torch.cat([s, s.new_zeros(1)]), **options), part)
+        sampled = unflattened(tame_profile(part, torch.cat([s, s.new_zeros(1)]), **options), part)
         yield Band(rows, s, ds, sampled)
 
 

@@ -1,5 +1,7 @@
 """Reflectance and transmittance of stacks in Hankel space, by any model: one function for all."""
 
+from typing import Any
+
 import torch
 
 from texsss.errors import DomainError, ShapeError
@@ -14,6 +16,7 @@ from texsss.profiles.multipole import better_dipole, stacked
 from texsss.profiles.slab import Directions
 from texsss.types import Float, Int, Tensor
 
+HARDLY = 1e-4  # of the scattering, at which an absorption of 0 is differentiated
 MODELS = ("dipole", "better-dipole", "multipole", "layered-diffusion", "layered-sp3")
 SCATTERINGS = ("total", "single", "multiple", "unmarched")
 SIDES = ("reflectance", "transmittance")
@@ -119,6 +122,23 @@ def flat_profile(
         return slab.R_plus if side == "reflectance" else slab.T_plus
     mean = mean_direction(incidence, table.eta[0])
     return layered_diffusion.profile(table, s, mean, side=side, loops=loops)
+
+
+def tame_profile(table: LayerTable, s: Float[Tensor, " S"], **options: Any) -> Float[Tensor, "S N"]:
+    """`flat_profile`, whose derivatives are of use where nothing at all is absorbed endlessly deep.
+
+    R̂(0) of a half-space has -∞ by a sigma_a of exactly 0; what comes instead is the derivative where it is
+    HARDLY of the scattering, at all frequencies. Values and other derivatives are as they are.
+    """
+    exact = flat_profile(table, s, **options)
+    deepest = table.sigma_a[..., -1:, :]
+    if not (table.sigma_a.requires_grad and table.bottomless and bool((deepest == 0).any())):
+        return exact
+    least = HARDLY * (table.sigma_s * (1 - table.g))[..., -1:, :].detach()
+    darker = torch.where(deepest == 0, deepest + least, deepest)
+    sigma_a = torch.cat([table.sigma_a[..., :-1, :], darker], -2)
+    beside = flat_profile(table.of([sigma_a, *table.fields[1:]]), s, **options)
+    return beside + (exact - beside).detach()
 
 
 def _better_dipole(

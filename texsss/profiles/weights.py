@@ -9,7 +9,7 @@ from texsss.numerics.memory import room
 from texsss.numerics.threads import in_threads
 from texsss.profiles.blocks import Loops
 from texsss.profiles.fused import MODELS, Fused
-from texsss.profiles.hankel import Material, as_table, flat_profile
+from texsss.profiles.hankel import Material, as_table, tame_profile
 from texsss.profiles.incidence import Incidence
 from texsss.profiles.project import NODES, frequencies, projector
 from texsss.profiles.rows import distinct
@@ -99,7 +99,7 @@ def weights_for(
     Grey materials are shown in `channels` channels. `compiled`: many rows of the layered models by a loop in
     C++, or without a compiler by one of numba, once that is built (torch answers until then); in float32 and
     without gradients.
-    Differentiable in maps and coefficients.
+    Differentiable in maps and coefficients, of white half-spaces, too (`tame_profile`).
     Raises DomainError: for unknown names; Cancelled.
     """
     if not isinstance(material, (LayerTable, Stack)):
@@ -131,7 +131,7 @@ def weights_for(
     count, done = table.batch[0], []
 
     def solve(part: slice) -> Float[Tensor, "B K C"]:
-        spectrum = flat_profile(table.rows(part), s, loops=loops, **options)
+        spectrum = tame_profile(table.rows(part), s, loops=loops, **options)
         # channels and rows, flattened → rows, weights and channels
         made = (matrix @ spectrum).view(len(variances) * table.channels, -1).t()
         return made.reshape(-1, len(variances), table.channels)
