@@ -120,8 +120,24 @@ def test_nothing_lit_is_told(small):
     }
     within = {"type": "point", "position_mm": [60.0, 0, 0], "intensity_w_per_sr": [1.0] * 3}
     first, *others = bake(Scene.parse({**small, "lights": [away, within]})).report["notes"]
-    assert "No light reaches" in first
+    assert "No light reaches the surface" in first
     assert any("(60, 0, 0) mm is inside the object" in note for note in others)
+
+
+def test_light_on_faces_that_own_no_texel_is_told(tmp_path):
+    """Two sides of a plate share the square: the first one owns it, the sun shines on the second."""
+    lines = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
+    (tmp_path / "plate.obj").write_text("\n".join([*lines, "f 1/1 4/4 3/3 2/2", "f 1/1 2/2 3/3 4/4"]))
+    found = []
+    for z in (1.0, -1.0):
+        scene = {
+            "mesh": {"source": str(tmp_path / "plate.obj"), "unit_mm": 20.0},
+            "atlas": {"uv": "source", "size": 32},
+            "lights": [{"type": "directional", "direction": [0.0, 0.0, z]}],
+            "methods": {"diffusion": "octree"},
+        }
+        found += [note for note in bake(Scene.parse(scene)).report["notes"] if "No light" in note]
+    assert len(found) == 1 and "50% of the surface lie under others in uv" in found[0]
 
 
 def test_no_diffusion_is_lambert(small):

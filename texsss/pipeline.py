@@ -23,7 +23,7 @@ from texsss.result import Baked
 from texsss.surface.pose import doubts_of, stretch
 from texsss.transport.bank import BUDGET_BYTES, narrow_stop
 from texsss.transport.budget import affordable
-from texsss.transport.doubts import unsuited
+from texsss.transport.doubts import unlit, unsuited
 from texsss.transport.march.interior import from_stack
 from texsss.transport.march.march import fitted_planes, planes_radius
 from texsss.types import Float, Tensor
@@ -37,7 +37,6 @@ LOOKS_PER_MARCH = (
     4  # of an environment's, a panel's or a ball's samples: rays of a pixel and neighbours add up to the rest
 )
 SPREADING = ("uv", "surface", "octree", "poisson")  # methods to which faults of mesh and atlas matter
-UNLIT = "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
 ADVISED = 4096  # texels at which a varying material is looked at for advice
 
 
@@ -287,7 +286,11 @@ class Run(Diffusing):
         def report() -> dict:
             atlas, texels, weights = self.atlas.value, self.texels.value, self.weights("total").value
             energies = self.entered_light, self.exitance
-            advice = self.advice if bool((energies[0] > 0).any()) else [UNLIT, *self.advice]
+            advice = (
+                self.advice
+                if bool((energies[0] > 0).any())
+                else [unlit(atlas.report.overlapping), *self.advice]
+            )
             energies = *energies, self.marches, self.posed
             return describe(scene, self.seconds, advice, atlas, texels, weights, *energies)
 

@@ -147,6 +147,16 @@ def unsuited(texels: TexelMaps, least_mm: float, most_mm: float) -> list[str]:
     return said
 
 
+def unlit(overlapping: float) -> str:
+    """Why no texel is lit, `overlapping` of the surface having its texels from others."""
+    if overlapping > LOST:
+        return (
+            f"No light reaches the faces that own texels: {overlapping:.0%} of the surface lie under others "
+            "in uv, so what they get is lost; unwrap the mesh, or take uv xatlas."
+        )
+    return "No light reaches the surface: it shines past it, from within it, or not at all; check the lights."
+
+
 def _place(at: Float[Tensor, "3"]) -> str:
     return "({:.4g}, {:.4g}, {:.4g}) mm".format(*at.tolist())
 
