@@ -219,7 +219,7 @@ def test_weights_are_differentiable_in_maps(model):
 def test_a_white_half_space_can_be_darkened_from_exactly_0():
     """Adam reaches a total of .7 in 100 steps; a first derivative of 1e12 would have stopped it for good."""
     ladder = variance_ladder(0.5, 100.0, 3)
-    sigma_a = torch.zeros(1, dtype=torch.float64, requires_grad=True)
+    sigma_a, total = torch.zeros(1, dtype=torch.float64, requires_grad=True), torch.ones(1)
     search = torch.optim.Adam([sigma_a], lr=0.01)
     for step in range(100):
         medium = Medium(sigma_a, 1.0)
@@ -268,7 +268,7 @@ def test_burley_fits_what_it_is():
     fitted = fit_burley(preset("skin1"))
     exact = hankel_profiles(preset("skin1"), ZERO)[0][0]
     torch.testing.assert_close(fitted.albedo, exact)
-    # of the order of the medium's own, which engines ask for; the Monte Carlo's profile asks for 1.09 mm in red
+    # of the order of the medium's own, which engines ask for; by the Monte Carlo 1.09 mm in red
     assert float(fitted.d[0]) == pytest.approx(1.09, rel=0.02)
     assert float((fitted.mean_free_path * preset("skin1").sigma_t_prime).sub(1).abs().max()) < 0.6
     # by hand: black, where the square of Christensen & Burley 2015 vanishes, and white

@@ -178,7 +178,7 @@ def _marched(layers, phase, directions):
 
 @no_type_check
 def _scattered_more(more, s, first, entered):
-    """`first`: what leaves after one scattering (S, N), of reduced coefficients; `entered`: of films, or 1."""
+    """`first`: what leaves after one scattering (S, N), of reduced coefficients; `entered`: through films."""
     twice, own = (entered * order for order in _by_modes(more, s))
     return _and_evenly(more, led_out(twice, own, more.scale * first, more.most), s)
 
