@@ -2,6 +2,12 @@
 
 import math
 
+import pytest
+import torch
+from profile_stacks import stack_of
+from reference.layers import Layer as Row
+
+from texsss.profiles.hankel import hankel_profiles
 from texsss.profiles.incidence import incidence_directions, mean_direction
 
 
@@ -14,3 +20,15 @@ def test_directions_of_diffuse_light():
         assert len(shares) > 1 and abs(sum(shares) - 1) < 1e-12
     ((cosine, _),) = incidence_directions(math.pi / 4, 1.5)
     assert abs(cosine - math.sqrt(1 - 0.5 / 2.25)) < 1e-12
+
+
+@pytest.mark.parametrize("model", ["layered-sp3", "layered-diffusion"])
+@pytest.mark.parametrize("etas", [(1.0,), (1.5, 1.0), (1.4, 1.0, 1.4)])
+def test_light_grazes_layers_of_index_1(etas, model):
+    """At a right angle as a hair above, also where it runs along an inner layer."""
+    stack, s = stack_of([Row(0.1, 1.0, 0.5, eta=eta) for eta in etas]), torch.tensor([0.0, 1.0]).double()
+    flat, steep = (
+        hankel_profiles(stack, s, model=model, incidence=x) for x in (math.pi / 2, math.pi / 2 - 1e-3)
+    )
+    for grazing, beside in zip(flat, steep, strict=True):
+        torch.testing.assert_close(grazing, beside, rtol=1e-3, atol=1e-3)

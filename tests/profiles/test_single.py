@@ -70,7 +70,10 @@ def test_diffuse_light_is_displaced_on_its_way_in_too(eta):
 
 
 def test_diffuse_light_that_scattered_once_meets_the_monte_carlo():
-    """R̂1 of the isotropic stacks at every frequency, over its value at 0."""
+    """R̂1 of the isotropic stacks at every frequency, over its value at 0: measured .015, worst .045.
+
+    The worst is a clear film of .5 mm; without the way in .15 and .37.
+    """
     s, wrong = torch.from_numpy(MC_S), []
     for known in read_stacks("diffuse").values():
         if any(layer.g for layer in known.layers):
@@ -78,4 +81,4 @@ def test_diffuse_light_that_scattered_once_meets_the_monte_carlo():
         ours, _ = hankel_profiles(stack_of(known.layers), s, incidence="diffuse", scattering="single")
         truth = known.hankel["R1"].mean
         wrong.append(np.abs(ours[:, 0].numpy() - truth).max() / truth[0])
-    assert np.mean(wrong) < 0.03 and max(wrong) < 0.1
+    assert np.mean(wrong) < 0.02 and max(wrong) < 0.06

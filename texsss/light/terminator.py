@@ -43,6 +43,8 @@ def cut_by_faces(
         leaves = (out >= 0) & (dot(face_normals[out], ahead) > 0)
         edge = (corners[face] - corners[face].roll(1, 1)).square().sum(-1).amax(1).sqrt()
         nigh = torch.maximum(near, far).to(edge) <= REACH * edge
+        if left is not None:  # a light within hides itself
+            nigh &= left > (near + far + 2 * aside).to(left)
         kept = enters & leaves & nigh & (far.to(steep) * steep <= _stand_off(corners[face], normals))
         rows, ahead = rows[kept], ahead[kept]
         start = inside[kept] + (far[kept] + aside)[:, None].to(ahead) * ahead

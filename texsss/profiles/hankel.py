@@ -128,17 +128,20 @@ def tame_profile(table: LayerTable, s: Float[Tensor, " S"], **options: Any) -> F
     """`flat_profile`, whose derivatives are of use where nothing at all is absorbed endlessly deep.
 
     R̂(0) of a half-space has -∞ by a sigma_a of exactly 0; what comes instead is the derivative where it is
-    HARDLY of the scattering, at all frequencies. Values and other derivatives are as they are.
+    HARDLY of the scattering, and 0 where nothing scatters, at all frequencies. Values and other derivatives
+    are as they are.
     """
-    exact = flat_profile(table, s, **options)
     deepest = table.sigma_a[..., -1:, :]
     if not (table.sigma_a.requires_grad and table.bottomless and bool((deepest == 0).any())):
-        return exact
-    least = HARDLY * (table.sigma_s * (1 - table.g))[..., -1:, :].detach()
-    darker = torch.where(deepest == 0, deepest + least, deepest)
-    sigma_a = torch.cat([table.sigma_a[..., :-1, :], darker], -2)
-    beside = flat_profile(table.of([sigma_a, *table.fields[1:]]), s, **options)
-    return beside + (exact - beside).detach()
+        return flat_profile(table, s, **options)
+    above, scattering = table.sigma_a[..., :-1, :], (table.sigma_s * (1 - table.g))[..., -1:, :].detach()
+    known = torch.cat([above, torch.where(deepest == 0, 0, deepest)], -2)
+    exact = flat_profile(table.of([known, *table.fields[1:]]), s, **options)
+    white = (deepest == 0) & (scattering > 0)
+    darker = torch.where(white, deepest + HARDLY * scattering, deepest.detach())
+    others = [field.detach() for field in table.fields[1:]]
+    beside = flat_profile(table.of([torch.cat([above.detach(), darker], -2), *others]), s, **options)
+    return exact + (beside - beside.detach())
 
 
 def _better_dipole(

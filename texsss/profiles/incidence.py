@@ -17,6 +17,7 @@ Incidence = float | str
 
 NODES = 2  # directions of diffuse light where it is refracted: 1 is 5 % off in thin slabs, 2 are 1 %
 NODES_WIDE = 3  # ... and where it comes in at grazing, too
+GRAZING = 1e-3  # least cosine outside
 NODES_FINE = 8  # ... where it is told how much thin slabs take of it: .3 % off
 
 
@@ -37,8 +38,8 @@ def incidence_directions(
         raise DomainError(
             f"incidence: expected 'diffuse', 'normal' or an angle in 0..π/2 [rad], got {incidence!r}."
         )
-    # grazing light of an unrefracting medium never gets in: stay a hair above
-    return ((max(math.sqrt(1 - math.sin(angle) ** 2 / eta**2), 1e-3), 1.0),)
+    # light that grazes gets into no layer of index 1: stay a hair above
+    return ((math.sqrt(1 - min(math.sin(angle) ** 2, 1 - GRAZING**2) / eta**2), 1.0),)
 
 
 def mean_direction(incidence: Incidence, eta: float) -> tuple[tuple[float, float], ...]:

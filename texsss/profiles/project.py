@@ -11,9 +11,9 @@ from texsss.types import Float, Tensor
 
 NARROWEST_TEXELS = 0.6  # std of the narrowest positive Gaussian [texels]; below it a texel cannot tell
 WIDEST_SHARE = 0.035  # std of the widest [extents] on large objects
-WIDEST_MM = 14.0  # ... and on small ones, which holds what chicken and potato spread; less with few terms,
-ENOUGH = 8  # ... as fewer than these would stand too far apart
-WIDEST_SMALL = 0.2  # ... and never more than this share of the extent
+WIDEST_MM = 14.0  # std of the widest on small ones, which holds what chicken and potato spread ...
+WIDEST_SMALL = 0.2  # ... but never more than this share of the extent
+ENOUGH = 8  # terms that reach so far; fewer reach less, in proportion, or they would stand too far apart
 GROWTH = 1.3  # longest step / shortest, on a logarithmic axis: .2 to .7 of the error of even steps
 NODES = 16  # frequencies: more change the fit by less than .02 % of the profile
 RIDGE = 1e-6  # relative; keeps weights tame where the ladder is finer than the profile

@@ -89,9 +89,9 @@ def prepare(layers, lights, phase, around=False):
     """All of the light that leaves by the first of `layers` that does not depend on the frequency.
 
     `phase` None: isotropic; else one of PHASES with the layers' g, and these have true coefficients.
-    `around`: whether the lights are one that comes in from all around, by this face; else where they come in
-    aslant is left out. A free bottom mirrors the beam and the light on its way out, unless `lights` are not
-    mirrored. Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
+    `around`: whether the lights are those of diffuse light, two or three directions, that comes in by this
+    face; else that they come in aslant is left out. A free bottom mirrors the beam and the light on its way
+    out, unless `lights` are not mirrored. Differentiable. Source: Hanrahan & Krueger 1993, in Hankel space.
     """
     nodes = []
     for i, (mu, weight, mirrored, again) in enumerate(exits(layers[0].eta, layers[-1].eta)):
