@@ -99,6 +99,7 @@ def test_same_request_is_the_same_answer(client, small):
 
 def test_a_slider_costs_what_it_changes(client, small):
     """A material of the same index makes weights, exitance and its march; a light edit makes no texels."""
+    small = small | {"seed": 41}  # no answer that is kept: its stages are the last that were used
     render(client, small)
     other = client.post("/v1/render", json=small | {"material": {"layers": [{"medium": "skin2"}]}})
     ran = {part.split(";")[0].strip() for part in other.headers["server-timing"].split(",")}
