@@ -80,6 +80,8 @@ struct Solver {
   Even even, pale_even;
   V factor, passed;  // of multiple scattering, and of all on its way through
   V scale, most;     // of led_out.py
+  V first;              // what scatters once,
+  Sweep::Orders still;  // and what modes make of light, where s = 0: if anything scatters twice
   Ways ways;  // of light that enters from all around
 
   explicit Solver(const Asked& a) : asked(a), h(a.h), endless(a.h.endless), sweeps(a.h.sets), others(a.h.sets), mirroring(Even::holds(endless, a.etas)) {}
@@ -107,16 +109,16 @@ struct Solver {
     for (int i = 0; i < h.sets; i++) prepare(sweeps[i], seen, falling, h.below, i);
     if (mirroring) even.prepare(layers, asked.finer, asked.exits[0]);
     factor = furnace();
-    const Sweep::Orders found = by_modes(sweeps, 0);
-    V once = reduced.at(0), more = factor * and_evenly(found.twice, even, 0);
-    scale = (found.once + LEAST) * inverse(once + LEAST), most = all(MOST[h.below]);
+    still = by_modes(sweeps, 0), first = reduced.at(0);
+    V more = factor * and_evenly(still.twice, even, 0);
+    scale = (still.once + LEAST) * inverse(first + LEAST), most = all(MOST[h.below]);
     if (!h.deflected) return;
     most = 1 + (MOST[h.below] - 1) * across(seen);
     V handed = four.lacking(layers, endless, h.below, asked.directions, asked.finer, *asked.streams);
     if (h.below)
-      passed = positive(1 + handed / (more + once + FEW));
+      passed = positive(1 + handed / (more + first + FEW));
     else
-      factor *= positive(1 + (handed + once - nearly.at(0)) / (more + 1e-20f));
+      factor *= positive(1 + (handed + first - nearly.at(0)) / (more + 1e-20f));
   }
 
   void prepare(Sweep& sweep, const Layers& seen, const Lights& falling, int side, int set) const {
@@ -164,7 +166,7 @@ struct Solver {
 
   // What scatters again, of which `once` does only once, and `entered` through films
   V scattered_more(V once, V entered, float s) const {
-    const Sweep::Orders found = by_modes(sweeps, s);
+    const Sweep::Orders found = s == 0 ? still : by_modes(sweeps, s);
     return and_evenly(led_out(entered * found.twice, entered * found.once, scale * once), even, s);
   }
 
@@ -225,7 +227,7 @@ struct Solver {
   V at(float s) const {
     const bool unlike = h.deflected && (!h.below || !h.twice);
     V once = {}, total = {};
-    if (h.twice || !unlike) once = reduced.at(s);
+    if (h.twice || !unlike) once = h.twice && s == 0 ? first : reduced.at(s);
     if (unlike && h.twice)
       total = h.once ? nearly.at(s) : nearly.at(s) - truly.at(s);
     else if (h.once)
